@@ -1,0 +1,26 @@
+// Figures of a frame, measured on its positions as the cache holds them.
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+#include "sim/frame_input.h"
+#include "sim/groom.h"
+
+namespace strandbake {
+
+// Rest length [m] of the segment that ends at each vertex, 0 at roots.
+std::vector<float> rest_lengths(const Groom& groom);
+
+// Largest |length / rest length - 1| over all segments; segments whose rest length is 0 do not count.
+float largest_stretch(std::span<const Eigen::Vector3f> position, std::span<const float> rest_length, int threads);
+
+// How deep the deepest free vertex lies inside a sphere [m]; 0 where none does. `pinned` as is_pinned() gives it.
+float deepest_penetration(std::span<const Eigen::Vector3f> position, std::span<const std::uint8_t> pinned,
+                          std::span<const Sphere> spheres, int threads);
+
+// 1 for each vertex that follows the head: the first two of a strand and what the groom pins.
+std::vector<std::uint8_t> pinned_vertices(const Groom& groom);
+
+}  // namespace strandbake

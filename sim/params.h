@@ -1,0 +1,91 @@
+// What an artist can set about the simulation itself. Each parameter is declared once, in fields(); see declare.h.
+// Stiffness and damping are given for the reference step h0 = 1/60 s, and keep their meaning at any other (substep.h).
+#pragma once
+
+#include "sim/declare.h"
+
+namespace strandbake {
+
+// Paper, section 3.4 and Algorithms 3, 4, 5.
+struct LocalShapeParams {
+  double stiffness = 0.5;  // S_L
+  int iterations = 3;
+  int method = 1;
+};
+template <class V>
+void fields(V& v, LocalShapeParams& p) {
+  v("stiffness", p.stiffness, between(0, 1).keyed(), "1",
+    "How strongly bends and curls return, per iteration of a 1/60 s step. 0 switches the pass off, 1 is rigid.");
+  v("iterations", p.iterations, between(0, 1000), "1",
+    "Sweeps of the constraint in a substep. 0 switches the pass off.");
+  v("method", p.method, between(1, 3), "1",
+    "How the local frames are updated. 1: exactly, root to tip. 2: from the frames of the previous iteration. "
+    "3: rest frames turned with the head.");
+}
+
+// Paper, section 3.3.
+struct GlobalShapeParams {
+  double stiffness = 0.1;  // S_G at the root
+  double range = 0.3;
+  double fade = 1;
+};
+template <class V>
+void fields(V& v, GlobalShapeParams& p) {
+  v("stiffness", p.stiffness, between(0, 1).keyed(), "1",
+    "How strongly a vertex returns to its place on the head, per 1/60 s step. 0 switches the pass off, 1 is rigid.");
+  v("range", p.range, between(0, 1), "1",
+    "The part of a strand that the pass acts on, as a share of its length from the root.");
+  v("fade", p.fade, between(0, 1), "1",
+    "How much of the stiffness is gone at the end of the range. 0: none, then a hard end. 1: all of it, linearly.");
+}
+
+// Paper, Algorithm 1 line 9.
+struct LengthParams {
+  int iterations = 2;
+};
+template <class V>
+void fields(V& v, LengthParams& p) {
+  v("iterations", p.iterations, between(0, 1000), "1",
+    "Sweeps of the edge length constraint in a substep, even edges then odd ones. 0 switches the pass off.");
+}
+
+struct RegionParams {
+  double damping = 0.1;
+  double drag = 1;
+  LocalShapeParams local;
+  GlobalShapeParams global;
+  LengthParams lengths;
+};
+template <class V>
+void fields(V& v, RegionParams& p) {
+  v("damping", p.damping, between(0, 1).keyed(), "1", "The share of its velocity that a vertex loses in 1/60 s.");
+  v("drag", p.drag, at_least(0).keyed(), "1/s",
+    "Acceleration by the wind, per m/s of wind across the strand. 0 lets no wind in.");
+  v("local", p.local, "Local shape: keeps bends and curls.");
+  v("global", p.global, "Global shape: keeps hair near its place on the head.");
+  v("lengths", p.lengths, "Edge lengths.");
+}
+
+struct ForceParams {
+  Eigen::Vector3d gravity{0, -9.81, 0};
+};
+template <class V>
+void fields(V& v, ForceParams& p) {
+  v("gravity", p.gravity, any_number().keyed(), "m/s^2", "Acceleration of every free vertex.");
+}
+
+struct WindParams {
+  Eigen::Vector3d velocity{0, 0, 0};
+  double gust = 0;
+  double period = 1;
+};
+template <class V>
+void fields(V& v, WindParams& p) {
+  v("velocity", p.velocity, any_number().keyed(), "m/s", "Mean velocity of the air. Zero switches the wind off.");
+  v("gust", p.gust, at_least(0).keyed(), "1",
+    "How far the wind strays from its mean, along it and across it, as a share of its speed. A function of time and "
+    "strand alone.");
+  v("period", p.period, more_than(0), "s", "Time between two gusts.");
+}
+
+}  // namespace strandbake

@@ -1,0 +1,65 @@
+// Local shape: keeps bends and curls, by frames that travel along the strand.
+//
+//   x_i = unit(P_i - P_{i-1})
+//   F_i = smallest rotation from x_{i-1} to x_i, applied to F_{i-1}
+//   g   = F_{i-1} l_i,           l_i = F0_{i-1}^T (P0_i - P0_{i-1})        the edge as the rest pose has it
+//   d   = g - (P_i - P_{i-1})
+//   P_{i-1} -= 1/2 S_L d,   P_i += 1/2 S_L d
+//
+// The paper composes F_i = F_{i-1} rotation((1,0,0) -> F_{i-1}^T x_i); that is the same rotation, and in the world it
+// needs no quaternion: with y . x_{i-1} = 0,
+//
+//   y_i = y - (y . x_i) / (1 + x_{i-1} . x_i) (x_{i-1} + x_i)
+//
+// Scaled by the edge e of length L, one division serves both the unit vector and the turn: with k = L + x_{i-1} . e
+// and r = 1/(L k),   x_i = (r k) e,   y_i = y - r (y . e) (L x_{i-1} + e).
+// (y_i . x_i) vanishes whatever (y . x_{i-1}) was, so rounding does not pile up along a strand.
+// Where the strand folds back on itself (k near 0) any half turn will do: y stays, less what of it is not across x_i.
+// Where the edge is a point, F stays.
+// Source: paper, eq. 1 and 4 (the first line of eq. 4 lacks its minus in print), Algorithms 2 to 5.
+// Checks: tests/sim/frames_test.cpp (against quaternions), tests/sim/passes_test.cpp, tests/sim/paper_test.cpp.
+#pragma once
+
+#include "sim/passes/strand_math.h"
+
+namespace strandbake {
+
+// 1 + cos of the angle below which a strand counts as folded back: 0.8 degrees short of a half turn. Nearer to it the
+// division would cost a float y more than a thousandth of its length.
+#define FOLDED_BACK ((Real)1e-4f)
+
+STRAND_FN FRAME turn_frame(FRAME f, VEC3 edge) {
+  Real length2 = inner(edge, edge);
+  Real length = SQRT(SELECT(length2 > POINT_LENGTH_SQUARED, length2, (Real)1.0f));
+  Real k = length + inner(f.x, edge);
+  Real safe_k = SELECT(k > FOLDED_BACK * length, k, length);
+  Real r = (Real)1.0f / (length * safe_k);
+  VEC3 x = edge * (r * safe_k);
+  VEC3 y = f.y - (f.x * SELECT(k > FOLDED_BACK * length, length, (Real)0.0f) + edge) * (r * inner(f.y, edge));
+  FRAME to;
+  to.x =
+      make_vec3(SELECT(length2 > POINT_LENGTH_SQUARED, x.x, f.x.x), SELECT(length2 > POINT_LENGTH_SQUARED, x.y, f.x.y),
+                SELECT(length2 > POINT_LENGTH_SQUARED, x.z, f.x.z));
+  to.y =
+      make_vec3(SELECT(length2 > POINT_LENGTH_SQUARED, y.x, f.y.x), SELECT(length2 > POINT_LENGTH_SQUARED, y.y, f.y.y),
+                SELECT(length2 > POINT_LENGTH_SQUARED, y.z, f.y.z));
+  return to;
+}
+
+// From the frame's axes to the world.
+STRAND_FN VEC3 from_frame(FRAME f, VEC3 v) {
+  return f.x * v.x + f.y * v.y + outer(f.x, f.y) * v.z;
+}
+
+// From the world to the frame's axes.
+STRAND_FN VEC3 into_frame(FRAME f, VEC3 v) {
+  return make_vec3(inner(f.x, v), inner(f.y, v), inner(outer(f.x, f.y), v));
+}
+
+// d of the vertex at the far end of `edge`. `remainder` is what rounding leaves of the rest pose, rest edge minus
+// from_frame(rest frame, l) in this very arithmetic; with it a strand at rest has d = 0 exactly and not a bit moves.
+STRAND_FN VEC3 local_shape_error(FRAME f, VEC3 local_rest_edge, VEC3 remainder, VEC3 edge) {
+  return (from_frame(f, local_rest_edge) - edge) + remainder;
+}
+
+}  // namespace strandbake

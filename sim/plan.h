@@ -1,0 +1,30 @@
+// The plan: what a bake can ever need. Passes that do nothing in any frame are not run and get no memory.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "sim/params.h"
+
+namespace strandbake {
+
+struct RegionPlan {
+  bool wind = false;
+  bool global_shape = false;
+  bool local_shape = false;
+  bool edge_lengths = false;
+  int local_method = 1;     // where local_shape holds
+  double global_range = 0;  // where global_shape holds; shares of the strand's length, constant over time
+  double global_fade = 0;
+};
+
+struct Plan {
+  std::vector<RegionPlan> regions;
+};
+
+// Merges the parameters of a region over all frames of a bake. Range, fade, method and iterations do not move over
+// time, so they are taken from the first. `windy`: the wind is not zero in every frame. `over_time` holds at least one
+// entry.
+RegionPlan plan_region(std::span<const RegionParams> over_time, bool windy);
+
+}  // namespace strandbake

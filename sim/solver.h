@@ -1,0 +1,58 @@
+// The solver: load a groom with its plan, advance one film frame, read positions.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "sim/frame_input.h"
+#include "sim/groom.h"
+
+namespace strandbake {
+
+// The first vertex found that is not a finite number, in the order of the groom.
+struct NonFinite {
+  std::size_t strand;
+  std::size_t vertex;  // within the strand
+};
+
+class Solver {
+ public:
+  virtual ~Solver() = default;
+
+  // One film frame: input.substeps() substeps of Algorithm 1.
+  virtual void advance(const FrameInput& input) = 0;
+
+  // Positions now, world [m], in the order of the groom; `out` holds one entry per vertex.
+  virtual void read(std::span<Eigen::Vector3f> out) const = 0;
+  virtual void read(std::span<Eigen::Vector3d> out) const = 0;
+
+  virtual std::optional<NonFinite> find_non_finite() const = 0;
+
+  // Bytes that the solver holds between frames.
+  virtual std::size_t state_bytes() const = 0;
+};
+
+struct Plan;
+
+enum class Precision { Float, Double };
+
+struct SolverOptions {
+  Precision precision = Precision::Float;
+  int threads = 1;  // >= 1; has no influence on the result
+  int lanes = 0;    // floats in a vector: one of available_lanes(), or 0 for the widest; has no influence on the result
+};
+
+// Widths that this machine can run, narrowest first.
+std::vector<int> available_lanes();
+
+// The CPU solver. Hair starts at rest, at `head` times its rest position. The groom is copied into the solver's own
+// layout and not kept. Throws std::invalid_argument where a strand has fewer than two vertices, a strand names a region
+// that the plan does not have, or the lanes are not available.
+std::unique_ptr<Solver> make_openmp_solver(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head,
+                                           const SolverOptions& options);
+
+}  // namespace strandbake

@@ -1,0 +1,110 @@
+// The strand cache: one HDF5 file with every vertex of every frame. docs/CACHE.md describes the layout for readers.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "formats/error.h"
+
+namespace strandbake {
+
+struct CacheOptions {
+  int deflate = 1;        // level 0 .. 12 of libdeflate; 0: chunks are stored as they are ("none")
+  double precision = 0;   // positions are rounded by at most half of this [m]; 0: not rounded
+  bool velocity = false;  // write /frames/velocity
+  bool stats = true;      // write /stats
+  int threads = 1;        // for shuffle and deflate; has no influence on the bytes
+};
+
+// What is known before the first frame.
+struct CacheHeader {
+  double fps = 24;
+  std::vector<std::uint64_t> offset;           // as Groom::offset
+  std::vector<std::uint32_t> region;           // [strands]
+  std::vector<std::string> region_names;       // [regions]
+  std::vector<Eigen::Vector2f> root_uv;        // [strands] or empty
+  std::vector<Eigen::Vector3f> rest_position;  // [vertices], world of the rest frame [m]
+  std::string program_version;
+  std::string scene_text;                                       // the scene as read, then its overrides
+  std::vector<std::pair<std::string, std::string>> inputs;      // name as the scene has it, sha256 in hex
+  std::vector<std::pair<std::string, std::string>> parameters;  // dotted path, value as text: every setting in force
+};
+
+struct FrameStats {
+  float largest_stretch = 0;      // max over edges of |length / rest length - 1|
+  float deepest_penetration = 0;  // [m], max over free vertices and spheres, 0 where none is inside
+};
+
+struct CacheFrame {
+  int number = 0;                                          // scene frame
+  double time = 0;                                         // [s], number / fps
+  std::span<const Eigen::Vector3f> position;               // [vertices], world [m]
+  std::span<const Eigen::Vector3f> velocity;               // [vertices] [m/s], or empty where the cache has none
+  Eigen::Isometry3d head = Eigen::Isometry3d::Identity();  // rest frame to now
+  FrameStats stats;
+};
+
+// Writes `path` + ".part"; finish() renames it. Left without finish(), the .part stays, readable, with the frames that
+// were written. Throws DiskError.
+class CacheWriter {
+ public:
+  CacheWriter(const std::filesystem::path& path, const CacheHeader& header, const CacheOptions& options);
+  ~CacheWriter();
+  CacheWriter(const CacheWriter&) = delete;
+  CacheWriter& operator=(const CacheWriter&) = delete;
+
+  void write(const CacheFrame& frame);
+  // Closes the file and gives it its final name. Nothing can be written after it.
+  void finish();
+  // Closes the .part without renaming it, so that its bytes are on disk; the destructor does it too, but cannot throw.
+  void close();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// Opens a cache or a .part. Throws InputError for anything that is not one, is damaged, or is of a newer format
+// version.
+class CacheReader {
+ public:
+  explicit CacheReader(const std::filesystem::path& path);
+  ~CacheReader();
+  CacheReader(CacheReader&&) noexcept;
+  CacheReader& operator=(CacheReader&&) noexcept;
+
+  const CacheHeader& header() const;
+  const CacheOptions& options() const;  // as far as the file tells
+  std::size_t frame_count() const;      // finished frames
+  std::size_t vertex_count() const;
+  bool complete() const;  // finish() was reached
+  int frame_number(std::size_t index) const;
+  double frame_time(std::size_t index) const;
+  Eigen::Isometry3d head(std::size_t index) const;
+  std::optional<FrameStats> stats(std::size_t index) const;
+  bool has_velocity() const;
+  std::uint64_t stored_bytes() const;  // bytes that positions take in the file
+  void read_position(std::size_t index, std::span<Eigen::Vector3f> out) const;
+  void read_velocity(std::size_t index, std::span<Eigen::Vector3f> out) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// A position as the cache stores it: the nearest multiple (ties to even) of the largest power of two that is not above
+// `precision`. A float holds it exactly, so the error is at most precision / 2. Powers of two clear the low bits of the
+// mantissa, which is what deflate can pack: multiples of 1e-5 itself take as much room as unrounded floats.
+// precision 0 returns v, and so does what has no such multiple: infinities, NaN, a multiple beyond the largest float.
+float round_to_precision(float v, double precision);
+
+}  // namespace strandbake

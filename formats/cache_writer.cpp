@@ -1,0 +1,488 @@
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <libdeflate.h>
+#include <omp.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <stdexcept>
+#include <system_error>
+
+#include "formats/cache.h"
+#include "formats/commit_file.h"
+#include "formats/hdf5_handle.h"
+
+namespace strandbake {
+
+namespace {
+
+constexpr int kFormatVersion = 1;
+
+// Vertices in a chunk, at most. 192 KiB of positions: five such chunks fit the 1 MiB that HDF5 readers cache by
+// default, HDF5's own work per chunk (20 us) is small beside deflating it (1 ms), and a groom of 200,000 vertices still
+// keeps a dozen threads busy.
+constexpr std::size_t kBlockVertices = 16384;
+
+// Frames in a chunk of the small data sets (numbers, times, matrices, statistics).
+constexpr hsize_t kSmallChunkFrames = 64;
+
+using Dims = std::vector<hsize_t>;
+
+hid_t require(hid_t id) {
+  if (id < 0) throw DiskError(hdf5_error());
+  return id;
+}
+
+void require(bool good) {
+  if (!good) throw DiskError(hdf5_error());
+}
+
+// The largest power of two that is not above `precision`.
+double rounding_step(double precision) {
+  int exponent = 0;
+  std::frexp(precision, &exponent);
+  return std::ldexp(1.0, exponent - 1);
+}
+
+float round_to_step(float v, double step) {
+  // Adding and subtracting 1.5 * 2^52 rounds a double below 2^51 to an integer, ties to even. All else here is exact.
+  constexpr double kShift = 6755399441055744.0;
+  const double steps = static_cast<double>(v) / step;
+  if (!(std::abs(steps) < 0x1p51)) return v;  // a multiple already, infinite or NaN
+  const double rounded = ((steps + kShift) - kShift) * step;
+  if (std::abs(rounded) > static_cast<double>(std::numeric_limits<float>::max())) return v;
+  return static_cast<float>(rounded);
+}
+
+struct FreeCompressor {
+  void operator()(libdeflate_compressor* compressor) const { libdeflate_free_compressor(compressor); }
+};
+
+// Cuts the vectors of one frame into blocks and encodes them as HDF5's filters would: shuffle, then deflate. Blocks are
+// of equal size, the last one padded with zeros, because HDF5 wants whole chunks; cutting evenly keeps the padding
+// below one vertex a block. All memory is taken here.
+class BlockEncoder {
+ public:
+  BlockEncoder(std::size_t vertices, int level, int threads)
+      : vertices_(vertices), level_(level), block_count_((vertices + kBlockVertices - 1) / kBlockVertices) {
+    block_vertices_ = (vertices + block_count_ - 1) / block_count_;
+    const std::size_t block_bytes = block_vertices_ * sizeof(Eigen::Vector3f);
+    workers_.resize(std::min<std::size_t>(threads, block_count_));
+    if (level > 0) {
+      for (Worker& worker : workers_) {
+        worker.compressor.reset(libdeflate_alloc_compressor(level));
+        if (worker.compressor == nullptr) throw std::bad_alloc();
+        worker.shuffled.resize(block_bytes);
+      }
+    }
+    const std::size_t capacity = level > 0 ? libdeflate_zlib_compress_bound(nullptr, block_bytes) : block_bytes;
+    blocks_.assign(block_count_, std::vector<std::uint8_t>(capacity));
+    sizes_.resize(block_count_);
+  }
+
+  std::size_t block_count() const { return block_count_; }
+  std::size_t block_vertices() const { return block_vertices_; }
+  std::span<const std::uint8_t> block(std::size_t index) const { return {blocks_[index].data(), sizes_[index]}; }
+
+  void encode(std::span<const Eigen::Vector3f> vectors, double precision) {
+    const double step = precision > 0 ? rounding_step(precision) : 0;
+#pragma omp parallel for num_threads(static_cast <int>(workers_.size())) schedule(dynamic, 1)
+    for (std::size_t block = 0; block < block_count_; ++block)
+      encode_block(workers_[omp_get_thread_num()], block, vectors, step);
+  }
+
+ private:
+  struct Worker {
+    std::unique_ptr<libdeflate_compressor, FreeCompressor> compressor;
+    std::vector<std::uint8_t> shuffled;
+  };
+
+  void encode_block(Worker& worker, std::size_t block, std::span<const Eigen::Vector3f> vectors, double step) {
+    const std::size_t first = block * block_vertices_;
+    const std::size_t count = std::min(block_vertices_, vertices_ - first) * 3;  // floats
+    const std::size_t padded = block_vertices_ * 3;
+    const float* in = vectors[first].data();
+    const auto stored = [in, step](std::size_t k) {
+      return std::bit_cast<std::uint32_t>(step > 0 ? round_to_step(in[k], step) : in[k]);
+    };
+    if (level_ == 0) {
+      std::uint8_t* out = blocks_[block].data();
+      for (std::size_t k = 0; k < count; ++k)
+        for (int byte = 0; byte < 4; ++byte) out[4 * k + byte] = static_cast<std::uint8_t>(stored(k) >> (8 * byte));
+      std::fill(out + 4 * count, out + 4 * padded, std::uint8_t{0});
+      sizes_[block] = 4 * padded;
+      return;
+    }
+    std::uint8_t* out = worker.shuffled.data();  // the lowest bytes of all numbers, then the next ones, ...
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::uint32_t bits = stored(k);
+      for (int byte = 0; byte < 4; ++byte) out[byte * padded + k] = static_cast<std::uint8_t>(bits >> (8 * byte));
+    }
+    for (int byte = 0; byte < 4; ++byte)
+      std::fill(out + byte * padded + count, out + (byte + 1) * padded, std::uint8_t{0});
+    sizes_[block] = libdeflate_zlib_compress(worker.compressor.get(), out, 4 * padded, blocks_[block].data(),
+                                             blocks_[block].size());
+  }
+
+  std::size_t vertices_;
+  int level_;
+  std::size_t block_count_;
+  std::size_t block_vertices_;
+  std::vector<Worker> workers_;
+  std::vector<std::vector<std::uint8_t>> blocks_;
+  std::vector<std::size_t> sizes_;
+};
+
+Hdf5Group make_group(hid_t parent, const char* name) {
+  const Hdf5List list(require(H5Pcreate(H5P_GROUP_CREATE)));
+  require(H5Pset_obj_track_times(list, false) >= 0);
+  return Hdf5Group(require(H5Gcreate2(parent, name, H5P_DEFAULT, list, H5P_DEFAULT)));
+}
+
+// Contiguous where `chunk` is empty. Chunked data sets start with no frames where `frames` is set.
+Hdf5Dataset make_dataset(hid_t parent, const char* name, hid_t type, const Dims& dims, const Dims& chunk = {},
+                         int level = 0, bool frames = false) {
+  Dims limit = dims;
+  if (frames) limit[0] = H5S_UNLIMITED;
+  const Hdf5Space space(require(dims.empty()
+                                    ? H5Screate(H5S_SCALAR)
+                                    : H5Screate_simple(static_cast<int>(dims.size()), dims.data(), limit.data())));
+  const Hdf5List list(require(H5Pcreate(H5P_DATASET_CREATE)));
+  require(H5Pset_obj_track_times(list, false) >= 0);
+  if (!chunk.empty()) require(H5Pset_chunk(list, static_cast<int>(chunk.size()), chunk.data()) >= 0);
+  // All bytes are written by us, but for the unused frames at the end of a chunk that holds several.
+  const bool several_frames = frames && chunk[0] > 1;
+  require(H5Pset_fill_time(list, several_frames ? H5D_FILL_TIME_ALLOC : H5D_FILL_TIME_NEVER) >= 0);
+  if (level > 0) {
+    require(H5Pset_shuffle(list) >= 0);
+    require(H5Pset_deflate(list, static_cast<unsigned>(std::min(level, 9))) >= 0);  // HDF5 names zlib's levels
+  }
+  return Hdf5Dataset(require(H5Dcreate2(parent, name, type, space, H5P_DEFAULT, list, H5P_DEFAULT)));
+}
+
+void write_whole(hid_t dataset, hid_t type, const void* values) {
+  require(H5Dwrite(dataset, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) >= 0);
+}
+
+Hdf5Type text_type(std::size_t size) {
+  Hdf5Type type(require(H5Tcopy(H5T_C_S1)));
+  require(H5Tset_size(type, size) >= 0 && H5Tset_cset(type, H5T_CSET_UTF8) >= 0 &&
+          H5Tset_strpad(type, H5T_STR_NULLTERM) >= 0);
+  return type;
+}
+
+// Strings of one length, that of the longest, with zeros behind: every reader takes them, and no heap is needed.
+void write_text(hid_t parent, const char* name, std::span<const std::string> lines, const Dims& dims) {
+  std::size_t width = 0;
+  for (const std::string& line : lines) width = std::max(width, line.size());
+  ++width;  // for the zero
+  std::vector<char> bytes(width * lines.size());
+  for (std::size_t k = 0; k < lines.size(); ++k) std::copy(lines[k].begin(), lines[k].end(), &bytes[k * width]);
+  const Hdf5Type type = text_type(width);
+  const Hdf5Dataset dataset = make_dataset(parent, name, type, dims);
+  write_whole(dataset, type, bytes.data());
+}
+
+void write_attribute(hid_t object, const char* name, hid_t file_type, hid_t type, const void* value) {
+  const Hdf5Space space(require(H5Screate(H5S_SCALAR)));
+  const Hdf5Attribute attribute(require(H5Acreate2(object, name, file_type, space, H5P_DEFAULT, H5P_DEFAULT)));
+  require(H5Awrite(attribute, type, value) >= 0);
+}
+
+// Of fixed length too: strings of variable length lie in HDF5's global heap, and HDF5 1.10 does not return from some
+// damaged heaps, so that our reader could not refuse them.
+void write_attribute(hid_t object, const char* name, const std::string& value) {
+  const Hdf5Type type = text_type(value.size() + 1);
+  write_attribute(object, name, type, type, value.c_str());
+}
+
+void check(const CacheHeader& header, const CacheOptions& options) {
+  const auto need = [](bool good, const char* what) {
+    if (!good) throw std::invalid_argument(fmt::format("cache: {}", what));
+  };
+  need(header.offset.size() >= 2 && header.offset.front() == 0, "offset needs one strand or more and starts at 0");
+  need(std::ranges::adjacent_find(header.offset, std::greater_equal()) == header.offset.end(), "offset must increase");
+  need(header.offset.back() == header.rest_position.size(), "offset must end at the number of rest positions");
+  const std::size_t strands = header.offset.size() - 1;
+  need(header.region.size() == strands, "each strand needs a region");
+  need(std::ranges::all_of(header.region, [&](std::uint32_t region) { return region < header.region_names.size(); }),
+       "each region of a strand needs a name");
+  need(header.root_uv.empty() || header.root_uv.size() == strands, "root_uv is for all strands or for none");
+  need(std::isfinite(header.fps) && header.fps > 0, "fps must be above 0");
+  need(options.deflate >= 0 && options.deflate <= 12, "deflate is 0 to 12");
+  need(std::isfinite(options.precision) && options.precision >= 0, "precision must not be below 0");
+  need(options.threads >= 1, "at least one thread");
+}
+
+void sync_folder(const std::filesystem::path& file) {
+  const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
+  const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor < 0) return;
+  ::fsync(descriptor);  // some file systems cannot; the rename stands all the same
+  ::close(descriptor);
+}
+
+}  // namespace
+
+float round_to_precision(float v, double precision) {
+  return precision > 0 ? round_to_step(v, rounding_step(precision)) : v;
+}
+
+struct CacheWriter::Impl {
+  std::filesystem::path path;
+  std::filesystem::path part;
+  CacheOptions options;
+  hsize_t vertices;
+  BlockEncoder encoder;
+  CommitFile disk;
+  Hdf5File file;
+  Hdf5Dataset position, velocity, head, time, number, stretch, penetration;
+  hsize_t frames = 0;
+  std::string failure;  // why nothing more can be written
+
+  Impl(const std::filesystem::path& final_path, std::filesystem::path part_path, const CacheHeader& header,
+       const CacheOptions& cache_options)
+      : path(final_path),
+        part(std::move(part_path)),
+        options(cache_options),
+        vertices(header.rest_position.size()),
+        encoder(vertices, options.deflate, options.threads),
+        disk(part) {}
+
+  Dims block_dims(bool frame) const {
+    const Dims dims = {1, encoder.block_vertices(), 3};
+    return frame ? dims : Dims(dims.begin() + 1, dims.end());
+  }
+
+  void create(const CacheHeader& header) {
+    const Hdf5List creation(require(H5Pcreate(H5P_FILE_CREATE)));
+    require(H5Pset_obj_track_times(creation, false) >= 0);
+    const Hdf5List access = disk.access_list();
+    file = Hdf5File(require(H5Fcreate(part.c_str(), H5F_ACC_TRUNC, creation, access)));
+
+    const int version = kFormatVersion;
+    const std::uint8_t complete = 0;
+    write_attribute(file, "format", "strandbake");
+    write_attribute(file, "format_version", H5T_STD_I32LE, H5T_NATIVE_INT, &version);
+    write_attribute(file, "units", "m");
+    write_attribute(file, "up", "+Y");
+    write_attribute(file, "fps", H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, &header.fps);
+    write_attribute(file, "complete", H5T_STD_U8LE, H5T_NATIVE_UINT8, &complete);
+
+    const hsize_t strands = header.region.size();
+    const Hdf5Group strand_group = make_group(file, "strands");
+    write_whole(make_dataset(strand_group, "offset", H5T_STD_U64LE, {strands + 1}), H5T_NATIVE_UINT64,
+                header.offset.data());
+    write_whole(make_dataset(strand_group, "region", H5T_STD_U32LE, {strands}), H5T_NATIVE_UINT32,
+                header.region.data());
+    if (!header.root_uv.empty())
+      write_whole(make_dataset(strand_group, "root_uv", H5T_IEEE_F32LE, {strands, 2}), H5T_NATIVE_FLOAT,
+                  header.root_uv.data());
+    const Hdf5Group region_group = make_group(file, "regions");
+    write_text(region_group, "name", header.region_names, {header.region_names.size()});
+
+    const Hdf5Group rest_group = make_group(file, "rest");
+    const Hdf5Dataset rest =
+        make_dataset(rest_group, "position", H5T_IEEE_F32LE, {vertices, 3}, block_dims(false), options.deflate);
+    write_blocks(rest, header.rest_position, 0, {});
+    write_provenance(header);
+
+    if (options.stats) {
+      const Hdf5Group stats = make_group(file, "stats");
+      stretch = make_dataset(stats, "largest_stretch", H5T_IEEE_F32LE, {0}, {kSmallChunkFrames}, 0, true);
+      penetration = make_dataset(stats, "deepest_penetration", H5T_IEEE_F32LE, {0}, {kSmallChunkFrames}, 0, true);
+    }
+    const Hdf5Group group = make_group(file, "frames");
+    position =
+        make_dataset(group, "position", H5T_IEEE_F32LE, {0, vertices, 3}, block_dims(true), options.deflate, true);
+    write_attribute(position, "precision", H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, &options.precision);
+    if (options.velocity)
+      velocity =
+          make_dataset(group, "velocity", H5T_IEEE_F32LE, {0, vertices, 3}, block_dims(true), options.deflate, true);
+    head = make_dataset(group, "head", H5T_IEEE_F64LE, {0, 4, 4}, {kSmallChunkFrames, 4, 4}, 0, true);
+    time = make_dataset(group, "time", H5T_IEEE_F64LE, {0}, {kSmallChunkFrames}, 0, true);
+    number = make_dataset(group, "number", H5T_STD_I32LE, {0}, {kSmallChunkFrames}, 0, true);
+    flush();
+  }
+
+  void write_provenance(const CacheHeader& header) {
+    const Hdf5Group group = make_group(file, "provenance");
+    write_attribute(group, "version", header.program_version);
+    write_text(group, "scene", std::span(&header.scene_text, 1), {});
+    const auto write_pairs = [&](const char* name, const char* value_name,
+                                 const std::vector<std::pair<std::string, std::string>>& pairs) {
+      std::vector<std::string> names;
+      std::vector<std::string> values;
+      for (const auto& [key, value] : pairs) {
+        names.push_back(key);
+        values.push_back(value);
+      }
+      const Hdf5Group part_group = make_group(group, name);
+      write_text(part_group, "name", names, {names.size()});
+      write_text(part_group, value_name, values, {values.size()});
+    };
+    write_pairs("inputs", "sha256", header.inputs);
+    write_pairs("parameters", "value", header.parameters);
+  }
+
+  // `frame` is empty for a data set without frames.
+  void write_blocks(hid_t dataset, std::span<const Eigen::Vector3f> vectors, double precision,
+                    std::optional<hsize_t> frame) {
+    encoder.encode(vectors, precision);
+    for (std::size_t block = 0; block < encoder.block_count(); ++block) {
+      const hsize_t row = block * encoder.block_vertices();
+      const std::array<hsize_t, 3> with_frame = {frame.value_or(0), row, 0};
+      const auto bytes = encoder.block(block);
+      require(H5Dwrite_chunk(dataset, H5P_DEFAULT, 0, with_frame.data() + (frame ? 0 : 1), bytes.size(),
+                             bytes.data()) >= 0);
+    }
+  }
+
+  void append_vectors(hid_t dataset, std::span<const Eigen::Vector3f> vectors, double precision) {
+    const std::array<hsize_t, 3> dims = {frames + 1, vertices, 3};
+    require(H5Dset_extent(dataset, dims.data()) >= 0);
+    write_blocks(dataset, vectors, precision, frames);
+  }
+
+  void append_small(hid_t dataset, hid_t type, const void* values, Dims dims = {1}) {
+    const Hdf5Space memory(require(H5Screate_simple(static_cast<int>(dims.size()), dims.data(), nullptr)));
+    Dims start(dims.size());
+    start[0] = frames;
+    Dims extent = dims;
+    extent[0] = frames + 1;
+    require(H5Dset_extent(dataset, extent.data()) >= 0);
+    const Hdf5Space space(require(H5Dget_space(dataset)));
+    require(H5Sselect_hyperslab(space, H5S_SELECT_SET, start.data(), nullptr, dims.data(), nullptr) >= 0);
+    require(H5Dwrite(dataset, type, memory, space, H5P_DEFAULT, values) >= 0);
+  }
+
+  // What is flushed is committed as one step: see CommitFile.
+  void flush() {
+    require(H5Fflush(file, H5F_SCOPE_LOCAL) >= 0);
+    require_disk();
+  }
+
+  void require_disk() const {
+    if (disk.error() != 0) throw DiskError(std::generic_category().message(disk.error()));
+  }
+
+  void append(const CacheFrame& frame) {
+    append_vectors(position, frame.position, options.precision);
+    if (options.velocity) append_vectors(velocity, frame.velocity, 0);
+    if (options.stats) {
+      append_small(stretch, H5T_NATIVE_FLOAT, &frame.stats.largest_stretch);
+      append_small(penetration, H5T_NATIVE_FLOAT, &frame.stats.deepest_penetration);
+    }
+    const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> matrix = frame.head.matrix();
+    append_small(head, H5T_NATIVE_DOUBLE, matrix.data(), {1, 4, 4});
+    append_small(time, H5T_NATIVE_DOUBLE, &frame.time);
+    append_small(number, H5T_NATIVE_INT, &frame.number);
+    flush();
+    ++frames;
+  }
+
+  void close_file() {
+    for (Hdf5Dataset* dataset : {&position, &velocity, &head, &time, &number, &stretch, &penetration}) dataset->close();
+    require(file.close());
+    disk.sync();
+    require_disk();
+  }
+
+  void mark_complete() {
+    disk.sync();  // the mark must not reach the device before what it vouches for
+    require_disk();
+    const std::uint8_t complete = 1;
+    const Hdf5Attribute attribute(require(H5Aopen(file, "complete", H5P_DEFAULT)));
+    require(H5Awrite(attribute, H5T_NATIVE_UINT8, &complete) >= 0);
+  }
+
+  bool open() const { return file >= 0; }
+
+  // Runs a step that writes. Whatever goes wrong, nothing of the step reaches the file, and nothing after it.
+  template <class Step>
+  void attempt(const std::string& deed, Step step) {
+    if (!failure.empty()) throw DiskError(failure);
+    const QuietHdf5 quiet;
+    try {
+      step();
+    } catch (const DiskError& error) {
+      disk.abandon();
+      failure =
+          fmt::format("{}: cannot {}: {}; free some space or choose another disk", part.string(), deed, error.what());
+      throw DiskError(failure);
+    } catch (...) {
+      disk.abandon();
+      failure = fmt::format("{}: cannot {}", part.string(), deed);
+      throw;
+    }
+  }
+};
+
+CacheWriter::CacheWriter(const std::filesystem::path& path, const CacheHeader& header, const CacheOptions& options) {
+  check(header, options);
+  std::error_code ignored;
+  if (std::filesystem::is_directory(path, ignored) || !path.has_filename())
+    throw DiskError(fmt::format("{}: is a folder; name a file", path.string()));
+  if (path.has_parent_path() && !std::filesystem::exists(path.parent_path(), ignored))
+    throw DiskError(fmt::format("{}: there is no folder {}; create it", path.string(), path.parent_path().string()));
+  std::filesystem::path part = path;
+  part += ".part";
+  impl_ = std::make_unique<Impl>(path, part, header, options);
+  try {
+    impl_->attempt("be created", [&] { impl_->create(header); });
+  } catch (...) {
+    std::filesystem::remove(part, ignored);  // without a frame it is of no use
+    const QuietHdf5 quiet;
+    impl_.reset();
+    throw;
+  }
+}
+
+CacheWriter::~CacheWriter() {
+  if (impl_ == nullptr || !impl_->open()) return;
+  try {
+    close();
+  } catch (...) {
+    // Who wants to know calls close().
+  }
+  const QuietHdf5 quiet;
+  impl_.reset();
+}
+
+void CacheWriter::write(const CacheFrame& frame) {
+  if (!impl_->failure.empty()) throw DiskError(impl_->failure);
+  if (!impl_->open()) throw std::logic_error("cache: a frame after finish() or close()");
+  if (frame.position.size() != impl_->vertices)
+    throw std::invalid_argument("cache: a position for each vertex is needed");
+  if (frame.velocity.size() != (impl_->options.velocity ? impl_->vertices : 0))
+    throw std::invalid_argument("cache: a velocity for each vertex where the cache has velocities, else none");
+  impl_->attempt(fmt::format("write frame {}", frame.number), [&] { impl_->append(frame); });
+}
+
+void CacheWriter::close() {
+  if (!impl_->failure.empty() || !impl_->open()) return;  // a failure has been told
+  impl_->attempt("be closed", [&] { impl_->close_file(); });
+}
+
+void CacheWriter::finish() {
+  if (!impl_->failure.empty()) throw DiskError(impl_->failure);
+  if (!impl_->open()) throw std::logic_error("cache: finish() after finish() or close()");
+  impl_->attempt("be finished", [&] {
+    impl_->mark_complete();
+    impl_->close_file();
+  });
+  if (::rename(impl_->part.c_str(), impl_->path.c_str()) != 0) {
+    impl_->failure = fmt::format("{}: cannot be renamed to {}: {}; rename it yourself, it is complete",
+                                 impl_->part.string(), impl_->path.string(), std::generic_category().message(errno));
+    throw DiskError(impl_->failure);
+  }
+  sync_folder(impl_->path);
+}
+
+}  // namespace strandbake

@@ -1,0 +1,248 @@
+#include "formats/commit_file.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <limits>
+#include <new>
+#include <system_error>
+
+#include "formats/error.h"
+
+namespace strandbake {
+
+namespace {
+
+std::string reason(int code) {
+  return std::generic_category().message(code);
+}
+
+// True where `path` still names the open file: another writer may have renamed it between our open and our lock.
+bool names(const std::filesystem::path& path, const struct stat& open_file) {
+  struct stat named = {};
+  return ::stat(path.c_str(), &named) == 0 && named.st_dev == open_file.st_dev && named.st_ino == open_file.st_ino;
+}
+
+// A lock on the open file description: it goes with the process however that ends, and unlike HDF5's own (flock) it
+// does not keep stock readers from looking at a file in progress. File systems without locks go without.
+bool lock(int descriptor) {
+  struct flock whole_file = {};
+  whole_file.l_type = F_WRLCK;
+  whole_file.l_whence = SEEK_SET;
+  return ::fcntl(descriptor, F_OFD_SETLK, &whole_file) == 0 || (errno != EAGAIN && errno != EACCES);
+}
+
+}  // namespace
+
+struct CommitFile::Driver {
+  H5FD_t base;  // HDF5 sees this and fills it in
+  CommitFile* file;
+
+  static CommitFile& of(const H5FD_t* handle) { return *reinterpret_cast<const Driver*>(handle)->file; }
+
+  static H5FD_t* open(const char*, unsigned, hid_t access, haddr_t) {
+    const void* info = H5Pget_driver_info(access);
+    if (info == nullptr) return nullptr;
+    auto* driver = new (std::nothrow) Driver{};
+    if (driver == nullptr) return nullptr;
+    std::memcpy(&driver->file, info, sizeof driver->file);
+    driver->file->truncate(0);
+    return &driver->base;
+  }
+  static herr_t close(H5FD_t* handle) {
+    of(handle).commit();
+    delete reinterpret_cast<Driver*>(handle);
+    return 0;
+  }
+  static herr_t query(const H5FD_t*, unsigned long* flags) {
+    *flags = 0;  // no aggregation and no accumulator: each write arrives as it is
+    return 0;
+  }
+  static haddr_t get_eoa(const H5FD_t* handle, H5FD_mem_t) { return of(handle).allocated_; }
+  static herr_t set_eoa(H5FD_t* handle, H5FD_mem_t, haddr_t address) {
+    of(handle).allocated_ = address;
+    return 0;
+  }
+  // Never short of the allocated space, so that HDF5 does not take the held part for missing.
+  static haddr_t get_eof(const H5FD_t* handle, H5FD_mem_t) { return std::max(of(handle).size_, of(handle).allocated_); }
+  static herr_t read(H5FD_t* handle, H5FD_mem_t, hid_t, haddr_t address, std::size_t size, void* bytes) {
+    return of(handle).read(address, bytes, size) ? 0 : -1;
+  }
+  static herr_t write(H5FD_t* handle, H5FD_mem_t type, hid_t, haddr_t address, std::size_t size, const void* bytes) {
+    of(handle).write(type, address, bytes, size);
+    return 0;
+  }
+  static herr_t flush(H5FD_t* handle, hid_t, hbool_t) {
+    of(handle).commit();
+    return 0;
+  }
+
+  static hid_t id() {
+    static const hid_t registered = [] {
+      H5FD_class_t driver = {};
+      driver.name = "strandbake_commit";
+      driver.maxaddr = static_cast<haddr_t>(std::numeric_limits<off_t>::max());
+      driver.fc_degree = H5F_CLOSE_STRONG;
+      driver.fapl_size = sizeof(CommitFile*);
+      driver.open = open;
+      driver.close = close;
+      driver.query = query;
+      driver.get_eoa = get_eoa;
+      driver.set_eoa = set_eoa;
+      driver.get_eof = get_eof;
+      driver.read = read;
+      driver.write = write;
+      driver.flush = flush;
+      return H5FDregister(&driver);
+    }();
+    return registered;
+  }
+};
+
+CommitFile::CommitFile(const std::filesystem::path& path) {
+  while (true) {
+    descriptor_ = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0666);
+    if (descriptor_ < 0) throw DiskError(fmt::format("{}: cannot be created: {}", path.string(), reason(errno)));
+    std::string fault;
+    struct stat status = {};
+    if (::fstat(descriptor_, &status) != 0) {
+      fault = "cannot be created: " + reason(errno);
+    } else if (!S_ISREG(status.st_mode)) {
+      fault = "is not a regular file; choose another output";
+    } else if (!lock(descriptor_)) {
+      fault = "is being written by another program; wait for it or choose another output";
+    } else if (names(path, status)) {
+      return;
+    }
+    ::close(descriptor_);
+    if (!fault.empty()) throw DiskError(fmt::format("{}: {}", path.string(), fault));
+  }
+}
+
+CommitFile::~CommitFile() {
+  ::close(descriptor_);
+}
+
+Hdf5List CommitFile::access_list() {
+  Hdf5List list(H5Pcreate(H5P_FILE_ACCESS));
+  CommitFile* self = this;
+  // The oldest bounds give superblock 0, which every reader knows and which has no mark of an unclosed file.
+  if (list < 0 || H5Pset_driver(list, Driver::id(), &self) < 0 ||
+      H5Pset_libver_bounds(list, H5F_LIBVER_EARLIEST, H5F_LIBVER_V18) < 0)
+    throw DiskError("HDF5 cannot be set up: " + hdf5_error());
+  return list;
+}
+
+void CommitFile::abandon() {
+  fail(ECANCELED);
+}
+
+void CommitFile::sync() {
+  if (error_ == 0 && ::fsync(descriptor_) != 0) fail(errno);
+}
+
+void CommitFile::fail(int code) {
+  if (error_ == 0) error_ = code;
+}
+
+void CommitFile::truncate(std::uint64_t size) {
+  if (error_ != 0) return;
+  if (::ftruncate(descriptor_, static_cast<off_t>(size)) != 0) return fail(errno);
+  size_ = size;
+}
+
+void CommitFile::put(std::uint64_t address, const void* bytes, std::size_t size) {
+  const auto* next = static_cast<const std::byte*>(bytes);
+  while (error_ == 0 && size > 0) {
+    const ssize_t written = ::pwrite(descriptor_, next, size, static_cast<off_t>(address));
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) return fail(written < 0 ? errno : EIO);
+    next += written;
+    address += static_cast<std::uint64_t>(written);
+    size -= static_cast<std::size_t>(written);
+    size_ = std::max(size_, address);
+  }
+}
+
+void CommitFile::write(H5FD_mem_t type, std::uint64_t address, const void* bytes, std::size_t size) {
+  if (type == H5FD_MEM_DRAW) return put(address, bytes, size);
+  // An entry is rewritten as a whole. Should HDF5 reuse the place of another, that one has to go first.
+  auto after = held_.lower_bound(address);
+  const bool meets_next = after != held_.end() && after->first < address + size &&
+                          (after->first != address || after->second.bytes.size() != size);
+  const bool meets_last =
+      after != held_.begin() && std::prev(after)->first + std::prev(after)->second.bytes.size() > address;
+  if (meets_next || meets_last) commit();
+  try {
+    const auto* first = static_cast<const std::byte*>(bytes);
+    held_.insert_or_assign(address, Held{type, {first, first + size}});
+  } catch (const std::bad_alloc&) {
+    fail(ENOMEM);
+  }
+}
+
+bool CommitFile::read(std::uint64_t address, void* bytes, std::size_t size) {
+  auto* out = static_cast<std::byte*>(bytes);
+  std::size_t done = 0;
+  while (done < size) {
+    const ssize_t count = ::pread(descriptor_, out + done, size - done, static_cast<off_t>(address + done));
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0) {
+      fail(errno);
+      return false;
+    }
+    if (count == 0) break;  // the rest is held, or was allocated and never written
+    done += static_cast<std::size_t>(count);
+  }
+  std::memset(out + done, 0, size - done);
+  for (const auto& [start, held] : held_) {
+    const std::uint64_t first = std::max(start, address);
+    const std::uint64_t last = std::min(start + held.bytes.size(), address + size);
+    if (first < last) std::memcpy(out + (first - address), held.bytes.data() + (first - start), last - first);
+  }
+  return true;
+}
+
+// Each write below leaves a file that stock HDF5 opens, with the old frames or with the new one too:
+//   1. what lies beyond the last commit: nothing names it yet;
+//   2. the superblock: its end of file covers 1;
+//   3. old nodes of the chunk trees, upper levels first: when a node was split, its parent names both halves before the
+//      old half loses its second part, and a root that moves down is replaced in a single write;
+//   4. the rest, by address: the object headers, which hold the dimensions. /frames/number is made last and so comes
+//   last.
+void CommitFile::commit() {
+  if (error_ != 0) return;  // HDF5 goes on reading what is held
+  const auto rank = [this](std::uint64_t address, const Held& held) {
+    if (address >= committed_) return 0;
+    if (held.type == H5FD_MEM_SUPER) return 1;
+    // A tree node starts with "TREE", its kind and its level.
+    if (held.type == H5FD_MEM_BTREE && held.bytes.size() > 5 && std::memcmp(held.bytes.data(), "TREE", 4) == 0)
+      return 2 + 255 - std::to_integer<int>(held.bytes[5]);
+    return 2 + 256;
+  };
+  std::vector<std::pair<int, std::uint64_t>> order;
+  try {
+    for (const auto& [address, held] : held_) order.emplace_back(rank(address, held), address);
+  } catch (const std::bad_alloc&) {
+    return fail(ENOMEM);
+  }
+  std::ranges::sort(order);
+  const auto put_held = [this](const std::pair<int, std::uint64_t>& key) {
+    const Held& held = held_.at(key.second);
+    put(key.second, held.bytes.data(), held.bytes.size());
+  };
+  const auto old = std::ranges::find_if(order, [](const auto& key) { return key.first > 0; });
+  std::for_each(order.begin(), old, put_held);
+  if (size_ != allocated_) truncate(allocated_);
+  std::for_each(old, order.end(), put_held);
+  if (error_ != 0) return;
+  held_.clear();
+  committed_ = allocated_;
+}
+
+}  // namespace strandbake

@@ -1,0 +1,358 @@
+#include "formats/shot.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <stdexcept>
+
+#include "formats/digest.h"
+#include "formats/groom_file.h"
+#include "formats/units.h"
+#include "sim/gusts.h"
+
+namespace strandbake {
+namespace {
+
+constexpr std::uint32_t kUnclaimed = std::numeric_limits<std::uint32_t>::max();
+
+// From the coordinates of a groom file to the world, or to the head node's axes where the groom was made there.
+struct Placement {
+  Eigen::Matrix3d turn;  // with units and scale
+  Eigen::Vector3d move;
+  double size;  // metres per unit of the file, scale included
+
+  Placement(const GroomParams& groom, const std::string& units, const std::string& up) {
+    const double radian = std::numbers::pi / 180;
+    size = metres_per_unit(units) * groom.scale;
+    const Eigen::Matrix3d rotation = (Eigen::AngleAxisd(groom.rotate.z() * radian, Eigen::Vector3d::UnitZ()) *
+                                      Eigen::AngleAxisd(groom.rotate.y() * radian, Eigen::Vector3d::UnitY()) *
+                                      Eigen::AngleAxisd(groom.rotate.x() * radian, Eigen::Vector3d::UnitX()))
+                                         .toRotationMatrix();
+    turn = size * rotation * to_y_up(up);
+    move = groom.translate;
+  }
+  Eigen::Vector3d operator()(const Eigen::Vector3d& p) const { return turn * p + move; }
+};
+
+// Strands [first, first + count) of the groom came from this file.
+struct FileStrands {
+  std::string name;
+  std::size_t first;
+  std::size_t count;
+};
+
+void append(Groom& all, const Groom& more, const Placement& place) {
+  const std::size_t first_vertex = all.vertex_count();
+  const bool pins = !all.pinned.empty() || !more.pinned.empty();
+  const bool uvs = all.strand_count() == 0 ? !more.root_uv.empty() : !all.root_uv.empty() && !more.root_uv.empty();
+  if (pins) all.pinned.resize(first_vertex, 0);
+  all.position.reserve(first_vertex + more.vertex_count());
+  for (const Eigen::Vector3d& p : more.position) all.position.push_back(place(p));
+  if (pins) {
+    all.pinned.insert(all.pinned.end(), more.pinned.begin(), more.pinned.end());
+    all.pinned.resize(all.vertex_count(), 0);
+  }
+  if (uvs) {
+    all.root_uv.insert(all.root_uv.end(), more.root_uv.begin(), more.root_uv.end());
+  } else {
+    all.root_uv.clear();
+  }
+  for (std::size_t s = 1; s < more.offset.size(); ++s) all.offset.push_back(first_vertex + more.offset[s]);
+}
+
+std::string strand_and_more(std::size_t strand, std::size_t count) {
+  return count == 1 ? fmt::format("strand {}", strand) : fmt::format("strand {} and {} more", strand, count - 1);
+}
+
+// Gives each strand its region. A region without a selection takes what no other takes. Selections with a fault that
+// read_scene() has told of are passed over; then nothing can be said about what is left.
+void divide(const Scene& scene, const std::vector<FileStrands>& files, Groom& groom, Faults& faults) {
+  const std::size_t strands = groom.strand_count();
+  const bool is_sound = faults.empty();
+  bool selections_are_good = true;
+  groom.region.assign(strands, kUnclaimed);
+  std::optional<std::uint32_t> rest;
+  for (std::uint32_t r = 0; r < scene.regions.size(); ++r) {
+    const RegionScene& region = scene.regions[r];
+    const std::string key = fmt::format("region[{}].strands", r);
+    const StrandSelection& chosen = region.strands;
+    if (chosen.file.empty() && chosen.range.empty() && !chosen.box) {
+      // Nothing in it although it is written: there was a fault in it.
+      if (!is_sound && (scene.positions.count(key) > 0 || scene.overridden.count(key) > 0)) selections_are_good = false;
+      rest = r;
+      continue;
+    }
+    FileStrands within{"the groom", 0, strands};
+    if (!chosen.file.empty()) {
+      const auto file =
+          std::find_if(files.begin(), files.end(), [&](const FileStrands& f) { return f.name == chosen.file; });
+      if (file == files.end()) {
+        selections_are_good = false;
+        continue;
+      }
+      within = *file;
+    }
+    std::vector<std::pair<std::size_t, std::size_t>> ranges = {{0, within.count == 0 ? 0 : within.count - 1}};
+    if (!chosen.range.empty()) {
+      try {
+        ranges = parse_ranges(chosen.range);
+      } catch (const std::invalid_argument&) {
+        selections_are_good = false;
+        continue;
+      }
+      if (ranges.back().second >= within.count) {
+        faults.push_back(
+            {scene.place(key + ".range"), fmt::format("strand {} is not there: {} has {} strands, numbered from 0",
+                                                      ranges.back().second, within.name, within.count)});
+        selections_are_good = false;
+        continue;
+      }
+    }
+    std::size_t taken = 0;
+    std::size_t claimed_twice = 0, example = 0;
+    std::uint32_t other = 0;
+    for (const auto& [low, high] : ranges) {
+      for (std::size_t s = within.first + low; s <= within.first + high && s < strands; ++s) {
+        if (chosen.box) {
+          const Eigen::Vector3d& root = groom.position[groom.offset[s]];
+          if ((root.array() < chosen.box->min.array()).any() || (root.array() > chosen.box->max.array()).any())
+            continue;
+        }
+        ++taken;
+        if (groom.region[s] != kUnclaimed) {
+          if (claimed_twice++ == 0) {
+            example = s;
+            other = groom.region[s];
+          }
+          continue;
+        }
+        groom.region[s] = r;
+      }
+    }
+    if (taken == 0) {
+      faults.push_back(
+          {scene.place(key), fmt::format("region \"{}\" has no strands: nothing matches its selection", region.name)});
+    }
+    if (claimed_twice > 0) {
+      faults.push_back({scene.place(key),
+                        fmt::format("region \"{}\" claims {}, which region \"{}\" has already; let one of them go",
+                                    region.name, strand_and_more(example, claimed_twice), scene.regions[other].name)});
+    }
+  }
+  const auto unclaimed = static_cast<std::size_t>(std::count(groom.region.begin(), groom.region.end(), kUnclaimed));
+  if (rest) {
+    if (unclaimed == 0 && selections_are_good) {
+      faults.push_back(
+          {scene.place(fmt::format("region[{}]", *rest)),
+           fmt::format("region \"{}\" has no strands: the other regions take them all", scene.regions[*rest].name)});
+    }
+    std::replace(groom.region.begin(), groom.region.end(), kUnclaimed, *rest);
+  } else if (unclaimed > 0 && selections_are_good) {
+    const auto first = std::find(groom.region.begin(), groom.region.end(), kUnclaimed) - groom.region.begin();
+    faults.push_back({scene.place("region[0]"),
+                      fmt::format("no region takes {}; a [[region]] without `strands` takes all that is left",
+                                  strand_and_more(first, unclaimed))});
+  }
+}
+
+// Finds a file that the scene names; records its digest.
+std::filesystem::path open_input(const std::string& name, const std::string& key, Shot& shot, Faults& faults) {
+  const std::filesystem::path path = find_input(shot.scene, name);
+  if (path.empty()) {
+    faults.push_back(
+        {shot.scene.place(key),
+         fmt::format("\"{}\": no such file beside the scene{}; give its folder with --search or STRANDBAKE_PATH", name,
+                     shot.scene.search_path.empty() ? "" : " or in the search path")});
+    return path;
+  }
+  try {
+    shot.inputs.emplace_back(name, sha256_file(path));
+  } catch (const InputError& error) {
+    faults.push_back({shot.scene.place(key), error.what()});
+    return {};
+  }
+  return path;
+}
+
+// Units and axes that read_scene() has refused count as left out.
+AnimationOptions animation_options(const HeadParams& head) {
+  try {
+    if (!head.units.empty()) metres_per_unit(head.units);
+    if (!head.up.empty()) to_y_up(head.up);
+  } catch (const std::invalid_argument&) {
+    return {head.clip, "", ""};
+  }
+  return {head.clip, head.units, head.up};
+}
+
+void load_animation(Shot& shot, Faults& faults, Warnings& warnings) {
+  const HeadParams& head = shot.scene.head;
+  if (head.animation.empty()) return;
+  const std::filesystem::path path = open_input(head.animation, "head.animation", shot, faults);
+  if (path.empty()) return;
+  try {
+    shot.animation = read_animation(path, animation_options(head), warnings);
+  } catch (const InputError& error) {
+    faults.push_back({shot.scene.place("head.animation"), error.what()});
+    return;
+  }
+  const auto find = [&](const std::string& node, const std::string& key) -> std::size_t {
+    try {
+      return shot.animation.find_node(node);
+    } catch (const InputError& error) {
+      faults.push_back({shot.scene.place(key), error.what()});
+      return 0;
+    }
+  };
+  if (!head.node.empty()) shot.head_node = find(head.node, "head.node");
+  for (std::size_t c = 0; c < shot.scene.colliders.size(); ++c) {
+    const ColliderParams& collider = shot.scene.colliders[c].base;
+    if (!collider.node.empty()) shot.collider_node[c] = find(collider.node, fmt::format("collider[{}].node", c));
+  }
+}
+
+void load_groom(Shot& shot, Faults& faults, Warnings& warnings) {
+  const Scene& scene = shot.scene;
+  std::vector<FileStrands> files;
+  bool complete = true;
+  for (std::size_t f = 0; f < scene.groom.files.size(); ++f) {
+    const GroomFileParams& file = scene.groom.files[f];
+    const std::string key = fmt::format("groom.files[{}]", f);
+    const std::filesystem::path path = open_input(file.file, key, shot, faults);
+    if (path.empty()) {
+      complete = false;
+      continue;
+    }
+    try {
+      const Groom part = read_groom(path, warnings);
+      const Placement place(scene.groom, file.units.empty() ? scene.groom.units : file.units,
+                            file.up.empty() ? scene.groom.up : file.up);
+      files.push_back({file.file, shot.groom.strand_count(), part.strand_count()});
+      append(shot.groom, part, place);
+    } catch (const InputError& error) {
+      faults.push_back({scene.place(key), error.what()});
+      complete = false;
+    } catch (const std::invalid_argument&) {
+      complete = false;  // units or axes that read_scene() has refused
+    }
+  }
+  if (scene.groom.space == "head") {
+    if (shot.animation.nodes.empty()) return;  // nobody knows where the head is
+    try {
+      const Eigen::Isometry3d at_rest = shot.rest_pose();
+      for (Eigen::Vector3d& p : shot.groom.position) p = at_rest * p;
+    } catch (const InputError& error) {
+      faults.push_back({scene.place("head.node"), error.what()});
+      return;
+    }
+  }
+  if (!complete) return;
+  divide(scene, files, shot.groom, faults);
+}
+
+}  // namespace
+
+double Shot::rest_frame() const {
+  return scene.head.rest_frame.value_or(scene.first_frame);
+}
+
+Eigen::Isometry3d Shot::pose(std::size_t node, double frame) const {
+  const double start = scene.head.start.value_or(scene.first_frame);
+  return animation.pose(node, (frame - start) / scene.bake.fps);
+}
+
+Eigen::Isometry3d Shot::rest_pose() const {
+  return pose(head_node, rest_frame());
+}
+
+Eigen::Isometry3d Shot::since_rest(std::size_t node, double frame) const {
+  const Eigen::Isometry3d now = pose(node, frame), rest = pose(node, rest_frame());
+  // A pose times its inverse is the identity up to rounding only, and a head that stands still must not move a bit.
+  if (now.matrix() == rest.matrix()) return Eigen::Isometry3d::Identity();
+  return now * rest.inverse();
+}
+
+Eigen::Isometry3d Shot::head(double frame) const {
+  return animation.nodes.empty() ? Eigen::Isometry3d::Identity() : since_rest(head_node, frame);
+}
+
+std::vector<Sphere> Shot::spheres(double frame) const {
+  std::vector<Sphere> spheres;
+  for (std::size_t c = 0; c < scene.colliders.size(); ++c) {
+    const ColliderParams collider = scene.colliders[c].at(frame);
+    Sphere sphere{collider.sphere.center, collider.sphere.radius};
+    if (collider.space == "node") {
+      sphere.center = pose(collider_node[c], frame) * sphere.center;
+    } else {
+      if (collider.space == "groom") {
+        const Placement place(scene.groom, scene.groom.units, scene.groom.up);
+        sphere.center = place(sphere.center);
+        sphere.radius *= place.size;
+        if (scene.groom.space == "head") sphere.center = rest_pose() * sphere.center;
+      }
+      if (!collider.node.empty()) sphere.center = since_rest(collider_node[c], frame) * sphere.center;
+    }
+    spheres.push_back(sphere);
+  }
+  return spheres;
+}
+
+std::vector<RegionParams> Shot::regions(double frame) const {
+  std::vector<RegionParams> params;
+  for (const RegionScene& region : scene.regions) params.push_back(region.params.at(frame));
+  return params;
+}
+
+FrameInput Shot::input(int frame) const {
+  const double first = scene.first_frame;
+  FrameInput input;
+  const int substeps = scene.bake.substeps;
+  input.substep = 1 / (scene.bake.fps * substeps);
+  const double held = std::max<double>(frame, first);
+  input.gravity = scene.forces.at(held).gravity;
+  input.regions = regions(held);
+  const WindParams wind = scene.wind.at(held);
+  for (int s = 1; s <= substeps; ++s) {
+    const double now = s == substeps ? frame : frame - 1 + static_cast<double>(s) / substeps;
+    const double stage = std::max(now, first);
+    input.head.push_back(head(stage));
+    input.spheres.push_back(spheres(stage));
+    if (!wind.velocity.isZero(0)) input.wind.push_back(wind_at(wind, now / scene.bake.fps));
+  }
+  return input;
+}
+
+Shot load_shot(Scene scene, Faults& faults, Warnings& warnings) {
+  Shot shot;
+  shot.scene = std::move(scene);
+  shot.collider_node.assign(shot.scene.colliders.size(), 0);
+  const std::size_t faults_before = faults.size();
+  load_animation(shot, faults, warnings);
+  if (faults.size() > faults_before) {
+    // Nodes are not known, so nothing can be placed; the groom files are still worth a look.
+    shot.animation = {};
+  }
+  load_groom(shot, faults, warnings);
+  if (faults.size() == faults_before) {
+    // A node can shrink to nothing in mid-clip; better known before the bake than in it.
+    try {
+      for (int frame = shot.scene.first_frame; frame <= shot.scene.last_frame; ++frame) shot.input(frame);
+    } catch (const InputError& error) {
+      faults.push_back({shot.scene.place("head.animation"), error.what()});
+    }
+  }
+
+  std::vector<std::vector<RegionParams>> over_time(shot.scene.regions.size());
+  bool windy = false;
+  for (int frame = shot.scene.first_frame; frame <= shot.scene.last_frame; ++frame) {
+    windy |= !shot.scene.wind.at(frame).velocity.isZero(0);
+    for (std::size_t r = 0; r < over_time.size(); ++r) over_time[r].push_back(shot.scene.regions[r].params.at(frame));
+  }
+  for (const auto& params : over_time) shot.plan.regions.push_back(plan_region(params, windy));
+  return shot;
+}
+
+}  // namespace strandbake

@@ -1,0 +1,50 @@
+// A shot: a scene with its files opened. Groom placed and divided into regions, head and colliders ready to be sampled,
+// and the plan of what will be run.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "formats/animation.h"
+#include "formats/scene.h"
+#include "sim/frame_input.h"
+#include "sim/groom.h"
+#include "sim/plan.h"
+
+namespace strandbake {
+
+struct Shot {
+  Scene scene;
+  Groom groom;
+  Plan plan;
+  Animation animation;  // without nodes where the scene has no animation
+  std::size_t head_node = 0;
+  std::vector<std::size_t> collider_node;                   // [colliders], where a collider rides one
+  std::vector<std::pair<std::string, std::string>> inputs;  // each file as the scene names it, and its sha256
+
+  // Head transform from the rest frame to a scene frame; exactly the identity where the head stands as at rest.
+  Eigen::Isometry3d head(double frame) const;
+  std::vector<Sphere> spheres(double frame) const;
+  std::vector<RegionParams> regions(double frame) const;
+
+  // Where the head node stands at the rest frame; only with an animation.
+  Eigen::Isometry3d rest_pose() const;
+
+  // What leads from frame - 1 to `frame`. Before the first frame of the scene (pre-roll) head, colliders and parameters
+  // stand as in the first frame, while gusts blow on.
+  FrameInput input(int frame) const;
+
+ private:
+  Eigen::Isometry3d pose(std::size_t node, double frame) const;
+  Eigen::Isometry3d since_rest(std::size_t node, double frame) const;
+  double rest_frame() const;
+};
+
+// Opens everything that a scene names. Appends all that is wrong to `faults`; with faults the shot is of no use.
+Shot load_shot(Scene scene, Faults& faults, Warnings& warnings);
+
+}  // namespace strandbake

@@ -1,0 +1,325 @@
+#include <fmt/format.h>
+#include <omp.h>
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "cli/console.h"
+#include "cli/plan_text.h"
+#include "cli/verbs.h"
+#include "cli/version.h"
+#include "formats/cache.h"
+#include "formats/shot.h"
+#include "sim/measure.h"
+#include "sim/solver.h"
+
+namespace strandbake {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+struct BakeOptions {
+  SceneOptions scene;
+  std::filesystem::path output;
+  std::string frames;
+  int threads = 0;
+  int lanes = 0;
+  bool force = false;
+  bool quiet = false;
+  bool json = false;
+  bool dry_run = false;
+};
+
+// Set by SIGINT and SIGTERM, read between frames. A second signal ends the program at once.
+volatile std::sig_atomic_t stop_requested = 0;
+void request_stop(int signal) {
+  stop_requested = 1;
+  std::signal(signal, SIG_DFL);
+}
+
+// What happens, told to a person or, with --json, to a script: one object a line on stdout.
+class Events {
+ public:
+  explicit Events(bool json) : json_(json) {}
+  void emit(const nlohmann::ordered_json& event) const {
+    if (!json_) return;
+    // Names of files need not be UTF-8, but JSON must.
+    fmt::print("{}\n", event.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+    std::fflush(stdout);
+  }
+  void warning(const std::string& message) const {
+    if (json_) {
+      emit({{"event", "warning"}, {"message", message}});
+    } else {
+      print_warning(message);
+    }
+  }
+  int failed(int code, const std::string& message) const {
+    emit({{"event", "error"}, {"code", code}, {"message", message}});
+    print_error(message);
+    return code;
+  }
+
+ private:
+  bool json_;
+};
+
+CacheHeader make_header(const Shot& shot) {
+  CacheHeader header;
+  header.fps = shot.scene.bake.fps;
+  header.offset = shot.groom.offset;
+  header.region = shot.groom.region;
+  for (const RegionScene& region : shot.scene.regions) header.region_names.push_back(region.name);
+  header.root_uv = shot.groom.root_uv;
+  header.rest_position.reserve(shot.groom.vertex_count());
+  for (const Eigen::Vector3d& p : shot.groom.position) header.rest_position.push_back(p.cast<float>());
+  header.program_version = STRANDBAKE_VERSION;
+  header.scene_text = shot.scene.text;
+  if (!header.scene_text.empty() && header.scene_text.back() != '\n') header.scene_text += '\n';
+  for (const std::string& override : shot.scene.overrides) header.scene_text += fmt::format("# --set {}\n", override);
+  header.inputs = shot.inputs;
+  header.parameters = list_parameters(shot.scene);
+  return header;
+}
+
+// Everything of one bake between two frames.
+class Bake {
+ public:
+  Bake(Shot shot, const BakeOptions& options, std::pair<int, int> written)
+      : shot_(std::move(shot)),
+        written_(written),
+        threads_(options.threads),
+        velocity_(shot_.scene.cache.velocity),
+        stats_(shot_.scene.cache.stats) {
+    SolverOptions solver;
+    solver.precision = shot_.scene.solver.precision == "double" ? Precision::Double : Precision::Float;
+    solver.threads = threads_;
+    solver.lanes = options.lanes;
+    solver_ = make_openmp_solver(shot_.groom, shot_.plan, shot_.head(shot_.scene.first_frame), solver);
+    if (stats_) {
+      rest_length_ = rest_lengths(shot_.groom);
+      pinned_ = pinned_vertices(shot_.groom);
+    }
+    header_ = make_header(shot_);
+    // The solver has its own copy, and grooms are large.
+    shot_.groom = {};
+
+    CacheOptions cache;
+    cache.deflate = shot_.scene.deflate_level;
+    cache.precision = shot_.scene.cache.precision;
+    cache.velocity = velocity_;
+    cache.stats = stats_;
+    cache.threads = threads_;
+    writer_.emplace(options.output, header_, cache);
+    header_.rest_position = {};
+  }
+
+  const Scene& scene() const { return shot_.scene; }
+  std::size_t vertex_count() const { return header_.offset.back(); }
+  CacheWriter& writer() { return *writer_; }
+
+  // Simulates up to `frame` and writes it if it is among the frames asked for.
+  void advance_to(int frame) {
+    if (frame > first_simulated()) solver_->advance(shot_.input(frame));
+    if (const auto bad = solver_->find_non_finite()) {
+      throw NonFiniteError{
+          fmt::format("frame {}: strand {}, vertex {} is no longer a finite number; more substeps or less stiffness "
+                      "may help",
+                      frame, bad->strand, bad->vertex)};
+    }
+    const bool needed = frame >= written_.first - (velocity_ ? 1 : 0);
+    if (!needed) return;
+    if (velocity_) before_.swap(position_);
+    position_.resize(vertex_count());
+    solver_->read(std::span<Eigen::Vector3f>(position_));
+    if (frame >= written_.first) write(frame);
+  }
+
+  int first_simulated() const { return scene().first_frame - scene().bake.preroll; }
+
+  struct NonFiniteError {
+    std::string message;
+  };
+
+ private:
+  void write(int frame) {
+    CacheFrame out;
+    out.number = frame;
+    out.time = frame / scene().bake.fps;
+    out.position = position_;
+    out.head = shot_.head(frame);
+    if (velocity_) {
+      velocities_.assign(vertex_count(), Eigen::Vector3f::Zero());
+      if (before_.size() == position_.size()) {
+        const auto fps = static_cast<float>(scene().bake.fps);
+        for (std::size_t v = 0; v < position_.size(); ++v) velocities_[v] = (position_[v] - before_[v]) * fps;
+      }
+      out.velocity = velocities_;
+    }
+    if (stats_) {
+      out.stats.largest_stretch = largest_stretch(position_, rest_length_, threads_);
+      const std::vector<Sphere> spheres = shot_.spheres(frame);
+      if (!spheres.empty()) out.stats.deepest_penetration = deepest_penetration(position_, pinned_, spheres, threads_);
+    }
+    writer_->write(out);
+    last_stats = out.stats;
+  }
+
+ public:
+  FrameStats last_stats;
+
+ private:
+  Shot shot_;
+  std::pair<int, int> written_;
+  int threads_;
+  bool velocity_;
+  bool stats_;
+  std::unique_ptr<Solver> solver_;
+  CacheHeader header_;
+  std::optional<CacheWriter> writer_;
+  std::vector<float> rest_length_;
+  std::vector<std::uint8_t> pinned_;
+  std::vector<Eigen::Vector3f> position_, before_, velocities_;
+};
+
+int run_bake(BakeOptions options) {
+  const Events events(options.json);
+  const auto start = Clock::now();
+  Faults faults;
+  Warnings warnings;
+  Scene scene = read_scene(options.scene.scene, options.scene.overrides, options.scene.search, faults);
+  Shot shot = load_shot(std::move(scene), faults, warnings);
+  for (const std::string& warning : warnings) events.warning(warning);
+  if (!faults.empty()) {
+    for (const Fault& fault : faults)
+      events.emit({{"event", "fault"}, {"place", fault.place}, {"message", fault.what}});
+    events.emit({{"event", "error"}, {"code", static_cast<int>(kInput)}, {"message", count_faults(faults)}});
+    print_faults(faults);
+    return kInput;
+  }
+  std::pair<int, int> written = {shot.scene.first_frame, shot.scene.last_frame};
+  if (!options.frames.empty()) {
+    const std::pair<int, int> asked = parse_frames(options.frames);
+    if (asked.first < written.first || asked.second > written.second) {
+      return events.failed(kUsage, fmt::format("--frames {}: the scene has frames {}-{}", options.frames, written.first,
+                                               written.second));
+    }
+    written = asked;
+  }
+  if (options.threads == 0) options.threads = omp_get_max_threads();
+  if (options.output.empty()) options.output = options.scene.scene.stem().string() + ".h5";
+
+  if (options.dry_run) {
+    SolverOptions solver;
+    solver.precision = shot.scene.solver.precision == "double" ? Precision::Double : Precision::Float;
+    solver.threads = options.threads;
+    const auto state =
+        make_openmp_solver(shot.groom, shot.plan, shot.head(shot.scene.first_frame), solver)->state_bytes();
+    fmt::print("{}", describe_plan(shot, state, options.threads));
+    return kGood;
+  }
+  if (std::filesystem::exists(options.output) && !options.force) {
+    return events.failed(
+        kDisk, fmt::format("{}: there is a file of this name already; --force replaces it", options.output.string()));
+  }
+
+  std::signal(SIGINT, request_stop);
+  std::signal(SIGTERM, request_stop);
+  Bake bake(std::move(shot), options, written);
+  const int first = bake.first_simulated();
+  events.emit({{"event", "start"},
+               {"version", STRANDBAKE_VERSION},
+               {"output", options.output.string()},
+               {"first_frame", written.first},
+               {"last_frame", written.second},
+               {"simulated_from", first},
+               {"vertices", bake.vertex_count()},
+               {"threads", options.threads}});
+  if (written.first > bake.scene().first_frame && !options.quiet && !options.json) {
+    fmt::print(stderr, "simulating frames {} to {} first: frame {} grows out of them\n", bake.scene().first_frame,
+               written.first - 1, written.first);
+  }
+  {
+    Progress progress(options.json ? Progress::Style::Silent : Progress::choose(options.quiet),
+                      static_cast<std::size_t>(written.second - first + 1), "baking");
+    for (int frame = first; frame <= written.second; ++frame) {
+      if (stop_requested) {
+        bake.writer().close();
+        return events.failed(kInterrupted,
+                             fmt::format("interrupted before frame {}; {}.part holds the frames before it", frame,
+                                         options.output.string()));
+      }
+      try {
+        bake.advance_to(frame);
+      } catch (const Bake::NonFiniteError& error) {
+        bake.writer().close();
+        return events.failed(
+            kNonFinite, fmt::format("{}; {}.part holds the frames before it", error.message, options.output.string()));
+      }
+      if (frame >= written.first) {
+        nlohmann::ordered_json event = {{"event", "frame"}, {"frame", frame}};
+        if (bake.scene().cache.stats) {
+          event["largest_stretch"] = bake.last_stats.largest_stretch;
+          event["deepest_penetration"] = bake.last_stats.deepest_penetration;
+        }
+        events.emit(event);
+      }
+      progress.update(static_cast<std::size_t>(frame - first + 1),
+                      frame < written.first ? std::string("before the first frame") : fmt::format("frame {}", frame));
+    }
+    bake.writer().finish();
+  }
+  const double elapsed = seconds_since(start);
+  const auto bytes = std::filesystem::file_size(options.output);
+  events.emit({{"event", "done"}, {"output", options.output.string()}, {"bytes", bytes}, {"seconds", elapsed}});
+  if (!options.quiet && !options.json) {
+    const int frames = written.second - written.first + 1;
+    fmt::print("{}: {} frame{}, {} vertices, {}, {}\n", options.output.string(), frames, frames == 1 ? "" : "s",
+               bake.vertex_count(), human_bytes(static_cast<double>(bytes)), human_seconds(elapsed));
+  }
+  return kGood;
+}
+
+}  // namespace
+
+Verb add_bake(CLI::App& app) {
+  auto options = std::make_shared<BakeOptions>();
+  options->scene.add_to(app);
+  app.add_option("-o,--output", options->output, "The cache; left out: the scene's name with .h5, in this folder")
+      ->type_name("FILE");
+  app.add_option("--frames", options->frames,
+                 "Write only these frames, e.g. 100-120; those before are simulated all the same")
+      ->type_name("A-B")
+      ->check(check_frames);
+  app.add_option("--threads", options->threads, "Threads; left out: all cores. The cache does not depend on it")
+      ->check(CLI::Range(1, 4096));
+  app.add_option("--lanes", options->lanes,
+                 "Floats in a vector: 4, 8 or 16; left out: the widest. The cache does not depend on it")
+      ->check(CLI::IsMember(available_lanes()))
+      ->envname("STRANDBAKE_LANES");
+  app.add_flag("--force", options->force, "Replace an existing cache");
+  app.add_flag("--quiet", options->quiet, "No progress and no summary");
+  auto* const json = app.add_flag("--json", options->json, "One JSON object a line on stdout for each event");
+  app.add_flag("--dry-run", options->dry_run, "Say what would be run, with memory and disk, and stop")->excludes(json);
+  return [options]() -> int {
+    // A script hears of failures on stdout too.
+    const Events events(options->json);
+    try {
+      return run_bake(*options);
+    } catch (const InputError& error) {
+      return events.failed(kInput, error.what());
+    } catch (const DiskError& error) {
+      return events.failed(kDisk, error.what());
+    }
+  };
+}
+
+}  // namespace strandbake

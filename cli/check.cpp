@@ -1,0 +1,38 @@
+#include <fmt/format.h>
+#include <omp.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+
+#include "cli/console.h"
+#include "cli/plan_text.h"
+#include "cli/verbs.h"
+#include "formats/shot.h"
+#include "sim/solver.h"
+
+namespace strandbake {
+
+Verb add_check(CLI::App& app) {
+  auto options = std::make_shared<SceneOptions>();
+  options->add_to(app);
+  return [options] {
+    Faults faults;
+    Warnings warnings;
+    Scene scene = read_scene(options->scene, options->overrides, options->search, faults);
+    const Shot shot = load_shot(std::move(scene), faults, warnings);
+    for (const std::string& warning : warnings) print_warning(warning);
+    if (!faults.empty()) {
+      print_faults(faults);
+      return static_cast<int>(kInput);
+    }
+    SolverOptions solver;
+    solver.precision = shot.scene.solver.precision == "double" ? Precision::Double : Precision::Float;
+    solver.threads = omp_get_max_threads();
+    const auto state =
+        make_openmp_solver(shot.groom, shot.plan, shot.head(shot.scene.first_frame), solver)->state_bytes();
+    fmt::print("{}", describe_plan(shot, state, solver.threads));
+    return static_cast<int>(kGood);
+  };
+}
+
+}  // namespace strandbake

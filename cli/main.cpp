@@ -1,0 +1,63 @@
+// strandbake VERB: reads the command line, runs one verb, and is the only place that ends the process.
+#include <CLI/CLI.hpp>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <map>
+#include <new>
+#include <system_error>
+
+#include "cli/console.h"
+#include "cli/verbs.h"
+#include "cli/version.h"
+#include "formats/error.h"
+
+int main(int argc, char** argv) {
+  using namespace strandbake;
+  CLI::App app{"Strandbake simulates hair offline: a scene in, a cache with every vertex of every frame out.",
+               "strandbake"};
+  app.set_version_flag("--version", "strandbake " STRANDBAKE_VERSION);
+  app.require_subcommand(1);
+  app.footer(
+      "Exit codes: 0 good, 1 differs or invalid, 2 usage, 3 input, 4 device, 5 disk, 6 not finite, 130 interrupted.");
+
+  std::map<const CLI::App*, Verb> verbs;
+  const auto add = [&](const char* name, const char* help, Verb (*declare)(CLI::App&)) {
+    CLI::App* const verb = app.add_subcommand(name, help);
+    verbs[verb] = declare(*verb);
+  };
+  add("bake", "Simulate a scene and write its cache", add_bake);
+  add("check", "List every fault of a scene, or what would be run", add_check);
+  add("info", "Say what a cache holds", add_info);
+  add("preview", "Draw a contact sheet of a cache", add_preview);
+  add("groom", "Make hair, or convert a groom to .hair", add_groom);
+  add("docs", "Print the reference of the scene file", add_docs);
+
+  // A write beyond the limit of a file's size is an error like that of a full disk, and no reason to die.
+  std::signal(SIGXFSZ, SIG_IGN);
+  try {
+    app.parse(argc, argv);
+    const int code = verbs.at(app.get_subcommands().front())();
+    if (std::fflush(stdout) != 0) throw std::system_error(errno, std::generic_category(), "standard output");
+    return code;
+  } catch (const CLI::ParseError& error) {
+    // Asking for help is no mistake; anything else is one of usage.
+    return app.exit(error) == 0 ? kGood : kUsage;
+  } catch (const InputError& error) {
+    print_error(error.what());
+    return kInput;
+  } catch (const DiskError& error) {
+    print_error(error.what());
+    return kDisk;
+  } catch (const std::system_error& error) {  // the readers have their own; what is left is output
+    print_error(error.what());
+    return kDisk;
+  } catch (const std::bad_alloc&) {
+    print_error("not enough memory for this scene; `strandbake check` tells what it needs");
+    return kInput;
+  } catch (const std::exception& error) {
+    print_error(error.what());
+    return kInput;
+  }
+}

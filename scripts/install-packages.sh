@@ -1,0 +1,32 @@
+#!/usr/bin/env bash
+# Installs what the project needs on Debian 12, and nothing that is there already.
+#   scripts/install-packages.sh build     to build and run the program
+#   scripts/install-packages.sh test      also to test it
+set -euo pipefail
+
+packages=(g++ cmake ninja-build pkg-config libeigen3-dev libassimp-dev libhdf5-dev libdeflate-dev libtomlplusplus-dev
+  libcli11-dev libfmt-dev nlohmann-json3-dev libpng-dev nettle-dev)
+if [ "${1:-build}" = test ]; then
+  packages+=(catch2 clang-14 libclang-rt-14-dev libomp-14-dev clang-format-14 clang-tidy-14 gcovr hdf5-tools binutils
+    python3 python3-h5py python3-numpy python3-pytest assimp-testmodels)
+fi
+
+missing=()
+for package in "${packages[@]}"; do
+  dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'ok installed' || missing+=("$package")
+done
+[ ${#missing[@]} -eq 0 ] && exit 0
+
+root=()
+if [ "$(id -u)" -ne 0 ]; then
+  command -v sudo >/dev/null || { echo "install-packages.sh: needs root or sudo for: ${missing[*]}" >&2; exit 1; }
+  root=(sudo)
+fi
+echo "installing: ${missing[*]}"
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+export DEBIAN_FRONTEND=noninteractive
+if ! { "${root[@]}" apt-get update -q && "${root[@]}" apt-get install -y -q --no-install-recommends "${missing[@]}"; } >"$log" 2>&1; then
+  tail -n 30 "$log" >&2
+  exit 1
+fi

@@ -1,0 +1,38 @@
+#!/usr/bin/env bash
+# Installs, builds and passes every test: the sanitizers, the fuzz targets, coverage and style first, the release build last, so
+# that the output ends with its summary. Everything goes into build/.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+scripts/install-packages.sh test
+jobs=$(nproc)
+step() { printf '\n== %s (%s s)\n' "$1" "$SECONDS"; }
+configure() {
+  mkdir -p "build/$1"
+  cmake --preset "$1" -DSTRANDBAKE_TESTS=ON >"build/$1/configure.log" 2>&1 || { cat "build/$1/configure.log" >&2; return 1; }
+}
+
+step "format"
+git ls-files '*.h' '*.cpp' | xargs clang-format-14 --dry-run --Werror
+
+step "address and undefined-behaviour sanitizers"
+configure asan-ubsan
+cmake --build --preset asan-ubsan -j "$jobs"
+step "tests under the sanitizers, and every reader fuzzed for a while"
+ctest --preset asan-ubsan -j "$jobs" --no-tests=error
+
+step "coverage of sim and formats"
+configure coverage
+cmake --build --preset coverage -j "$jobs"
+ctest --test-dir build/coverage -L unit -j "$jobs" --output-on-failure --no-tests=error
+gcovr --root . --object-directory build/coverage --filter 'sim/' --filter 'formats/' --print-summary --fail-under-line 90 \
+  --exclude-unreachable-branches --txt build/coverage/coverage.txt
+grep -E '^(File|TOTAL|sim|formats)' build/coverage/coverage.txt || true
+
+step "release"
+configure release
+cmake --build --preset release -j "$jobs"
+step "static analysis"
+scripts/tidy.sh build/release
+step "tests"
+ctest --preset release -j "$jobs" --no-tests=error

@@ -1,0 +1,123 @@
+"""What the tests of the program share: running it, and small grooms and scenes to run it on.
+
+STRANDBAKE_PROGRAM names the program, STRANDBAKE_SOURCE the project's folder; left out: the release build of this project.
+"""
+
+import os
+import pathlib
+import struct
+import subprocess
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+
+SOURCE = pathlib.Path(os.environ.get("STRANDBAKE_SOURCE") or pathlib.Path(__file__).parents[2]).resolve()
+PROGRAM = str(pathlib.Path(os.environ.get("STRANDBAKE_PROGRAM") or SOURCE / "build/release/cli/strandbake").resolve())
+
+GOOD, USAGE, INPUT, DISK, NON_FINITE, INTERRUPTED = 0, 2, 3, 5, 6, 130
+
+# Without the settings of whoever runs the tests.
+ENVIRONMENT = {k: v for k, v in os.environ.items() if not k.startswith(("STRANDBAKE_", "OMP_"))}
+
+
+def write_hair(path, strands, extra=b""):
+    """A .hair file of strands, each an array [vertices, 3]."""
+    points = np.concatenate([np.asarray(s, "<f4").reshape(-1, 3) for s in strands])
+    segments = np.array([len(s) - 1 for s in strands], "<u2")
+    header = struct.pack("<4s4I5f88s", b"HAIR", len(strands), len(points), 3, 0, 1, 0, 1, 1, 1, b"")
+    path.write_bytes(header + segments.tobytes() + points.tobytes() + extra)
+
+
+def write_tfx4(path, points, free):
+    """A TressFX 4.x file; points [strands, vertices, 3], free [strands, vertices] is 0 where a vertex is pinned."""
+    strands, vertices, _ = points.shape
+    header = struct.pack("<fII5I128x", 4.0, strands, vertices, 160, 0, 0, 0, 0)
+    path.write_bytes(header + np.concatenate([points, free[..., None]], axis=2).astype("<f4").tobytes())
+
+
+def write_tfx3(path, points, both_ends):
+    """A TressFX 3.x file; points [strands, vertices, 3]."""
+    strands, vertices, _ = points.shape
+    header = struct.pack("<f4I124x6I128x", 3.0, strands, vertices, 0, int(both_ends), 296, 0, 0, 0, 0, 0)
+    path.write_bytes(header + points.astype("<f4").tobytes())
+
+
+def hanging(strands=5, vertices=6, length=0.1):
+    """Straight strands at the height of 1.6 m: [strands, vertices, 3]."""
+    points = np.zeros((strands, vertices, 3), np.float32)
+    points[..., 0] = 0.01 * np.arange(strands)[:, None]
+    points[..., 1] = 1.6 - length * np.arange(vertices) / (vertices - 1)
+    return points
+
+
+class Shot:
+    """A folder with a groom in it, and the program run in it."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        write_hair(folder / "a.hair", hanging())
+
+    def __truediv__(self, name):
+        return self.folder / name
+
+    def scene(self, text="", name="scene.toml", files='["a.hair"]', frames="1-4"):
+        """Writes a scene. Its first lines are always the same, so `text` begins in line 6."""
+        head = f'[bake]\nframes = "{frames}"\n[groom]\nfiles = {files}\n\n'
+        (self.folder / name).write_text(head + text)
+        return name
+
+    def run(self, *arguments, cwd=None, env=None, **more):
+        run = subprocess.run([PROGRAM, *map(os.fspath, arguments)], cwd=cwd or self.folder, env={**ENVIRONMENT, **(env or {})},
+                             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=600,
+                             check=False, **more)
+        return SimpleNamespace(code=run.returncode, out=run.stdout, err=run.stderr)
+
+    def start(self, *arguments, **more):
+        """Starts the program and does not wait for it."""
+        return subprocess.Popen([PROGRAM, *map(os.fspath, arguments)], cwd=self.folder, env=ENVIRONMENT, stdin=subprocess.DEVNULL,
+                                text=True, **more)
+
+    def bake(self, *arguments, scene="scene.toml", out="out.h5", **more):
+        """A bake that must be good; returns the path of its cache."""
+        run = self.run("bake", scene, "-o", out, *arguments, **more)
+        assert run.code == GOOD, run.err
+        return self.folder / out
+
+    def files(self):
+        return sorted(p.name for p in self.folder.iterdir())
+
+
+def read(path):
+    """All data sets of a cache by name, as arrays."""
+    found = {}
+    with h5py.File(path) as file:
+        file.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
+    return found
+
+
+def positions(path):
+    return read(path)["frames/position"]
+
+
+def assert_one_error(run, code, *words):
+    """One sentence on stderr that names the place, nothing on stdout."""
+    assert run.code == code, run.err
+    assert run.out == ""
+    lines = run.err.splitlines()
+    assert len(lines) == 1 and lines[0].startswith("strandbake: error: "), run.err
+    for word in words:
+        assert word in lines[0]
+
+
+@pytest.fixture
+def shot(tmp_path):
+    return Shot(tmp_path)
+
+
+@pytest.fixture
+def head(shot):
+    """The demo's head beside the scene, as head.gltf; the lines of a scene that ride it."""
+    (shot / "head.gltf").write_bytes((SOURCE / "scenes/demo_head.gltf").read_bytes())
+    return '[head]\nanimation = "head.gltf"\nnode = "Head"\n'

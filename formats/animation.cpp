@@ -6,7 +6,7 @@
 #include <cstdio>
 #include <numeric>
 
-#include "formats/listed.h"
+#include "formats/quoted_list.h"
 
 namespace strandbake {
 namespace {
@@ -136,14 +136,14 @@ std::size_t Animation::find_node(std::string_view name_or_path) const {
   if (found.empty()) {
     const std::vector<std::string> near = closest(nodes, name_or_path);
     throw InputError(ask() + " is not there; " +
-                     (near.empty() ? "no node of the file has a name" : "the closest names are " + listed(near)));
+                     (near.empty() ? "no node of the file has a name" : "the closest names are " + quoted_list(near)));
   }
   std::vector<std::string> paths;
   for (const std::size_t n : found) paths.push_back(path_of(nodes, n));
   std::vector<std::string> distinct = paths;
   std::sort(distinct.begin(), distinct.end());
   const bool told_apart = std::unique(distinct.begin(), distinct.end()) == distinct.end();
-  throw InputError(ask() + " stands for " + std::to_string(found.size()) + " nodes, " + listed(paths) +
+  throw InputError(ask() + " stands for " + std::to_string(found.size()) + " nodes, " + quoted_list(paths) +
                    (told_apart ? "; give as much of the path as tells them apart, from the root with a / in front"
                                : "; rename one of them in the file"));
 }
@@ -173,10 +173,6 @@ Eigen::Isometry3d Animation::pose(std::size_t node, double time) const {
   pose.translation() = up * (unit * m.topRightCorner<3, 1>());
   if (!pose.translation().allFinite()) throw complain("has a transform that is not finite");
   return pose;
-}
-
-double Animation::scale(std::size_t node, double time) const {
-  return unit * std::cbrt(std::abs(world(node, time).topLeftCorner<3, 3>().determinant()));
 }
 
 }  // namespace strandbake

@@ -53,10 +53,6 @@ struct Animation {
   // turned inside out, so that pose(t) * pose(rest)^-1 is the motion in that case too.
   // Throws InputError where the node is squashed flat or not finite.
   Eigen::Isometry3d pose(std::size_t node, double time) const;
-
-  // Uniform scale of a node at a time, metres per unit of the node's space: cube root of the volume of world()'s unit
-  // cube.
-  double scale(std::size_t node, double time) const;
 };
 
 struct AnimationOptions {

@@ -32,7 +32,7 @@
 
 #include "formats/animation.h"
 #include "formats/animation_guard.h"
-#include "formats/listed.h"
+#include "formats/quoted_list.h"
 #include "formats/units.h"
 
 namespace strandbake {
@@ -145,13 +145,13 @@ std::optional<std::size_t> choose_clip(const std::string& source, const std::vec
   if (asked.empty()) {
     if (clips.size() == 1) return 0;
     throw InputError(source + ": has " + std::to_string(clips.size()) + " clips; name one of " +
-                     listed(labels, most_clips));
+                     quoted_list(labels, most_clips));
   }
   const auto label = std::find(labels.begin(), labels.end(), asked);
   if (label != labels.end()) return static_cast<std::size_t>(label - labels.begin());
   if (std::find(clips.begin(), clips.end(), asked) != clips.end()) {
     throw InputError(source + ": several clips are called \"" + asked + "\"; name one of " +
-                     listed(labels, most_clips));
+                     quoted_list(labels, most_clips));
   }
   for (std::size_t c = 0; c < clips.size(); ++c) {  // names may be shared or missing, numbers never are
     if (asked == "#" + std::to_string(c + 1)) return c;
@@ -161,7 +161,7 @@ std::optional<std::size_t> choose_clip(const std::string& source, const std::vec
     if (has_part(clips[c], asked)) partly.push_back(c);
   }
   if (partly.size() == 1) return partly[0];
-  throw InputError(source + ": clip \"" + asked + "\" is not there; the clips are " + listed(labels, most_clips));
+  throw InputError(source + ": clip \"" + asked + "\" is not there; the clips are " + quoted_list(labels, most_clips));
 }
 
 // Fills an Animation from what assimp read.
@@ -316,12 +316,12 @@ class Converter {
     if (!unknown.empty()) {
       std::sort(unknown.begin(), unknown.end());
       unknown.erase(std::unique(unknown.begin(), unknown.end()), unknown.end());
-      warn("the clip moves nodes that are not there: " + listed(unknown));
+      warn("the clip moves nodes that are not there: " + quoted_list(unknown));
     }
     if (!repaired_.empty()) {
-      warn("keys out of order or twice at one time were sorted, the last one counts, for " + listed(repaired_));
+      warn("keys out of order or twice at one time were sorted, the last one counts, for " + quoted_list(repaired_));
     }
-    if (!no_turn_.empty()) warn("rotation keys of length 0 were left out for " + listed(no_turn_));
+    if (!no_turn_.empty()) warn("rotation keys of length 0 were left out for " + quoted_list(no_turn_));
   }
 
   void read_channel(const aiNodeAnim& channel, double rate, AnimationNode& node) {
@@ -406,10 +406,10 @@ class Converter {
 
   void warn_flattened(const FlattenedKeys& keys) {
     if (!keys.step.empty()) {
-      warn("STEP keys are read as LINEAR (moving where they should jump) for " + listed(keys.step));
+      warn("STEP keys are read as LINEAR (moving where they should jump) for " + quoted_list(keys.step));
     }
     if (!keys.cubic_spline.empty()) {
-      warn("CUBICSPLINE keys are read as LINEAR (corners at the keys) for " + listed(keys.cubic_spline));
+      warn("CUBICSPLINE keys are read as LINEAR (corners at the keys) for " + quoted_list(keys.cubic_spline));
     }
   }
 

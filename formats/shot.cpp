@@ -158,6 +158,18 @@ void divide(const Scene& scene, const std::vector<FileStrands>& files, Groom& gr
   }
 }
 
+// Frames at which parameters take their extremes: between two keys they change along a line.
+template <class Params>
+std::vector<double> telling_frames(const Scene& scene, const Animated<Params>& params) {
+  std::vector<double> frames = {static_cast<double>(scene.first_frame), static_cast<double>(scene.last_frame)};
+  for (const auto& [path, curve] : params.keys) {
+    for (const double frame : curve.frame) {
+      if (frame > scene.first_frame && frame < scene.last_frame) frames.push_back(frame);
+    }
+  }
+  return frames;
+}
+
 // Finds a file that the scene names; records its digest.
 std::filesystem::path open_input(const std::string& name, const std::string& key, Shot& shot, Faults& faults) {
   const std::filesystem::path path = find_input(shot.scene, name);
@@ -207,10 +219,32 @@ void load_animation(Shot& shot, Faults& faults, Warnings& warnings) {
       return 0;
     }
   };
+  const std::size_t faults_before = faults.size();
   if (!head.node.empty()) shot.head_node = find(head.node, "head.node");
   for (std::size_t c = 0; c < shot.scene.colliders.size(); ++c) {
     const ColliderParams& collider = shot.scene.colliders[c].base;
     if (!collider.node.empty()) shot.collider_node[c] = find(collider.node, fmt::format("collider[{}].node", c));
+  }
+  if (faults.size() > faults_before) return;
+  // A node can shrink to nothing in mid-clip; better known before the bake than in it.
+  try {
+    const double rest_frame = head.rest_frame.value_or(shot.scene.first_frame);
+    shot.head_rest = shot.pose(shot.head_node, rest_frame);
+    for (std::size_t c = 0; c < shot.scene.colliders.size(); ++c) {
+      if (!shot.scene.colliders[c].base.node.empty())
+        shot.collider_rest[c] = shot.pose(shot.collider_node[c], rest_frame);
+    }
+    // The last key stands for all frames after it.
+    const double keys_end =
+        head.start.value_or(shot.scene.first_frame) + shot.animation.duration * shot.scene.bake.fps + 1;
+    for (int frame = shot.scene.first_frame; frame <= std::min<double>(shot.scene.last_frame, keys_end); ++frame) {
+      shot.head(frame);
+      shot.spheres(frame);
+    }
+  } catch (const InputError& error) {
+    faults.push_back({shot.scene.place("head.animation"), error.what()});
+  } catch (const std::invalid_argument&) {
+    // Units or axes that read_scene() has refused.
   }
 }
 
@@ -241,13 +275,7 @@ void load_groom(Shot& shot, Faults& faults, Warnings& warnings) {
   }
   if (scene.groom.space == "head") {
     if (shot.animation.nodes.empty()) return;  // nobody knows where the head is
-    try {
-      const Eigen::Isometry3d at_rest = shot.rest_pose();
-      for (Eigen::Vector3d& p : shot.groom.position) p = at_rest * p;
-    } catch (const InputError& error) {
-      faults.push_back({scene.place("head.node"), error.what()});
-      return;
-    }
+    for (Eigen::Vector3d& p : shot.groom.position) p = shot.head_rest * p;
   }
   if (!complete) return;
   divide(scene, files, shot.groom, faults);
@@ -255,28 +283,20 @@ void load_groom(Shot& shot, Faults& faults, Warnings& warnings) {
 
 }  // namespace
 
-double Shot::rest_frame() const {
-  return scene.head.rest_frame.value_or(scene.first_frame);
-}
-
 Eigen::Isometry3d Shot::pose(std::size_t node, double frame) const {
   const double start = scene.head.start.value_or(scene.first_frame);
   return animation.pose(node, (frame - start) / scene.bake.fps);
 }
 
-Eigen::Isometry3d Shot::rest_pose() const {
-  return pose(head_node, rest_frame());
-}
-
-Eigen::Isometry3d Shot::since_rest(std::size_t node, double frame) const {
-  const Eigen::Isometry3d now = pose(node, frame), rest = pose(node, rest_frame());
+Eigen::Isometry3d Shot::since_rest(std::size_t node, const Eigen::Isometry3d& rest, double frame) const {
+  const Eigen::Isometry3d now = pose(node, frame);
   // A pose times its inverse is the identity up to rounding only, and a head that stands still must not move a bit.
   if (now.matrix() == rest.matrix()) return Eigen::Isometry3d::Identity();
   return now * rest.inverse();
 }
 
 Eigen::Isometry3d Shot::head(double frame) const {
-  return animation.nodes.empty() ? Eigen::Isometry3d::Identity() : since_rest(head_node, frame);
+  return animation.nodes.empty() ? Eigen::Isometry3d::Identity() : since_rest(head_node, head_rest, frame);
 }
 
 std::vector<Sphere> Shot::spheres(double frame) const {
@@ -291,9 +311,9 @@ std::vector<Sphere> Shot::spheres(double frame) const {
         const Placement place(scene.groom, scene.groom.units, scene.groom.up);
         sphere.center = place(sphere.center);
         sphere.radius *= place.size;
-        if (scene.groom.space == "head") sphere.center = rest_pose() * sphere.center;
+        if (scene.groom.space == "head") sphere.center = head_rest * sphere.center;
       }
-      if (!collider.node.empty()) sphere.center = since_rest(collider_node[c], frame) * sphere.center;
+      if (!collider.node.empty()) sphere.center = since_rest(collider_node[c], collider_rest[c], frame) * sphere.center;
     }
     spheres.push_back(sphere);
   }
@@ -329,6 +349,7 @@ Shot load_shot(Scene scene, Faults& faults, Warnings& warnings) {
   Shot shot;
   shot.scene = std::move(scene);
   shot.collider_node.assign(shot.scene.colliders.size(), 0);
+  shot.collider_rest.assign(shot.scene.colliders.size(), Eigen::Isometry3d::Identity());
   const std::size_t faults_before = faults.size();
   load_animation(shot, faults, warnings);
   if (faults.size() > faults_before) {
@@ -336,22 +357,16 @@ Shot load_shot(Scene scene, Faults& faults, Warnings& warnings) {
     shot.animation = {};
   }
   load_groom(shot, faults, warnings);
-  if (faults.size() == faults_before) {
-    // A node can shrink to nothing in mid-clip; better known before the bake than in it.
-    try {
-      for (int frame = shot.scene.first_frame; frame <= shot.scene.last_frame; ++frame) shot.input(frame);
-    } catch (const InputError& error) {
-      faults.push_back({shot.scene.place("head.animation"), error.what()});
-    }
-  }
 
-  std::vector<std::vector<RegionParams>> over_time(shot.scene.regions.size());
   bool windy = false;
-  for (int frame = shot.scene.first_frame; frame <= shot.scene.last_frame; ++frame) {
+  for (const double frame : telling_frames(shot.scene, shot.scene.wind)) {
     windy |= !shot.scene.wind.at(frame).velocity.isZero(0);
-    for (std::size_t r = 0; r < over_time.size(); ++r) over_time[r].push_back(shot.scene.regions[r].params.at(frame));
   }
-  for (const auto& params : over_time) shot.plan.regions.push_back(plan_region(params, windy));
+  for (const RegionScene& region : shot.scene.regions) {
+    std::vector<RegionParams> over_time;
+    for (const double frame : telling_frames(shot.scene, region.params)) over_time.push_back(region.params.at(frame));
+    shot.plan.regions.push_back(plan_region(over_time, windy));
+  }
   return shot;
 }
 

@@ -23,25 +23,24 @@ struct Shot {
   Plan plan;
   Animation animation;  // without nodes where the scene has no animation
   std::size_t head_node = 0;
-  std::vector<std::size_t> collider_node;                   // [colliders], where a collider rides one
-  std::vector<std::pair<std::string, std::string>> inputs;  // each file as the scene names it, and its sha256
+  std::vector<std::size_t> collider_node;                       // [colliders], where a collider rides one
+  Eigen::Isometry3d head_rest = Eigen::Isometry3d::Identity();  // pose of the head node at the rest frame
+  std::vector<Eigen::Isometry3d> collider_rest;                 // [colliders], the same of the nodes they ride
+  std::vector<std::pair<std::string, std::string>> inputs;      // each file as the scene names it, and its sha256
 
+  // Where a node of the animation stands at a scene frame.
+  Eigen::Isometry3d pose(std::size_t node, double frame) const;
   // Head transform from the rest frame to a scene frame; exactly the identity where the head stands as at rest.
   Eigen::Isometry3d head(double frame) const;
   std::vector<Sphere> spheres(double frame) const;
   std::vector<RegionParams> regions(double frame) const;
-
-  // Where the head node stands at the rest frame; only with an animation.
-  Eigen::Isometry3d rest_pose() const;
 
   // What leads from frame - 1 to `frame`. Before the first frame of the scene (pre-roll) head, colliders and parameters
   // stand as in the first frame, while gusts blow on.
   FrameInput input(int frame) const;
 
  private:
-  Eigen::Isometry3d pose(std::size_t node, double frame) const;
-  Eigen::Isometry3d since_rest(std::size_t node, double frame) const;
-  double rest_frame() const;
+  Eigen::Isometry3d since_rest(std::size_t node, const Eigen::Isometry3d& rest, double frame) const;
 };
 
 // Opens everything that a scene names. Appends all that is wrong to `faults`; with faults the shot is of no use.

@@ -6,8 +6,13 @@ target_compile_options(strandbake_options INTERFACE
   -ffp-contract=off
   # Neither changes a result; without them a vector square root becomes a loop of calls.
   -fno-math-errno -fno-trapping-math)
-# GCC 12 sees these two where there is nothing: in std::string (its bug 105651) and in Eigen, at -O3.
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  # GCC 12's SLP vectoriser drops the rounding of a double to float and back, and fuses in spite of -ffp-contract=off.
+  target_compile_options(strandbake_options INTERFACE -fno-tree-slp-vectorize)
+  if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
+    target_compile_options(strandbake_options INTERFACE -mno-fma)
+  endif()
+  # It sees these two where there is nothing: in std::string (its bug 105651) and in Eigen, at -O3.
   target_compile_options(strandbake_options INTERFACE -Wno-restrict -Wno-maybe-uninitialized)
 endif()
 # A library that a binary does not call is not loaded by it.

@@ -2,7 +2,8 @@
 // kernels are compiled for several instruction sets and share no inline function with the rest of the program.
 //
 // A value per vertex is stored as W numbers, one a strand; a vector as three such rows, x, y, z. Vertex i of an array
-// of vectors begins at 3 W i. Strands that end early are padded with vertices that ride at their tip.
+// of vectors begins at 3 W i. Strands that end early are padded with pinned vertices at the rest place of their tip,
+// which no real vertex feels.
 #pragma once
 
 namespace strandbake {

@@ -16,7 +16,7 @@ struct Sphere {
   double radius = 0;       // [m], >= 0
 };
 
-// The wind at one moment: four velocities [m/s], which each strand blends with weights of its own (wind.h).
+// The wind at one moment: four velocities [m/s], which each strand blends with weights of its own (gusts.h).
 using WindSample = std::array<Eigen::Vector3d, 4>;
 
 // All that changes from frame to frame. Vectors over substeps hold the moment at the END of each substep.

@@ -19,7 +19,7 @@ float largest_stretch(std::span<const Eigen::Vector3f> position, std::span<const
   double largest = 0;
 #pragma omp parallel for num_threads(threads) reduction(max : largest)
   for (std::size_t v = 1; v < position.size(); ++v) {
-    if (rest_length[v] <= 0) continue;
+    if (rest_length[v] < 1e-5f) continue;
     const double length = (position[v].cast<double>() - position[v - 1].cast<double>()).norm();
     largest = std::max(largest, std::abs(length / rest_length[v] - 1));
   }

@@ -1,4 +1,4 @@
-// Figures of a frame, measured on its positions as the cache holds them.
+// Figures of a frame, measured on the positions of the solver (before a cache rounds them).
 #pragma once
 
 #include <Eigen/Core>
@@ -13,10 +13,11 @@ namespace strandbake {
 // Rest length [m] of the segment that ends at each vertex, 0 at roots.
 std::vector<float> rest_lengths(const Groom& groom);
 
-// Largest |length / rest length - 1| over all segments; segments whose rest length is 0 do not count.
+// Largest |length / rest length - 1| over all segments; segments shorter than 1e-5 m at rest do not count: a
+// metre from the origin, float positions cannot tell their length to a hundredth.
 float largest_stretch(std::span<const Eigen::Vector3f> position, std::span<const float> rest_length, int threads);
 
-// How deep the deepest free vertex lies inside a sphere [m]; 0 where none does. `pinned` as is_pinned() gives it.
+// How deep the deepest free vertex lies inside a sphere [m]; 0 where none does. `pinned` as pinned_vertices() gives it.
 float deepest_penetration(std::span<const Eigen::Vector3f> position, std::span<const std::uint8_t> pinned,
                           std::span<const Sphere> spheres, int threads);
 

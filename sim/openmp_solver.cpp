@@ -123,6 +123,7 @@ class OpenMPSolver final : public Solver {
 
   void arrange(const Groom& groom, const Plan& plan);
   void fill(const Groom& groom, const Plan& plan, const HeadTransform<Scalar>& head, const Placed& placed);
+  void check_against_plan(const FrameInput& input) const;
   RegionStep<Scalar> region_step(const RegionParams& params, const FrameInput& input) const;
   template <class Out>
   void read_as(std::span<Out> out) const;
@@ -135,6 +136,7 @@ class OpenMPSolver final : public Solver {
     row[2 * width_] = v.z;
   }
 
+  Plan plan_;
   int width_;
   int threads_;
   AdvanceBlock<Scalar> advance_block_;
@@ -150,7 +152,7 @@ class OpenMPSolver final : public Solver {
 template <class Scalar>
 OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head,
                                    const SolverOptions& options)
-    : threads_(options.threads), offset_(groom.offset) {
+    : plan_(plan), threads_(options.threads), offset_(groom.offset) {
   const LaneKernels& kernels = choose_kernels(options.lanes);
   if constexpr (sizeof(Scalar) == 4) {
     width_ = kernels.width_float;
@@ -366,8 +368,27 @@ RegionStep<Scalar> OpenMPSolver<Scalar>::region_step(const RegionParams& params,
   return step;
 }
 
+// What the plan left out has no memory to run on.
+template <class Scalar>
+void OpenMPSolver<Scalar>::check_against_plan(const FrameInput& input) const {
+  const std::size_t count = input.substeps();
+  bool fits = input.regions.size() == plan_.regions.size() &&
+              (input.spheres.empty() || input.spheres.size() == count) &&
+              (input.wind.empty() || input.wind.size() == count);
+  for (std::size_t r = 0; fits && r < plan_.regions.size(); ++r) {
+    const RegionParams& params = input.regions[r];
+    const RegionPlan& planned = plan_.regions[r];
+    fits = (planned.wind || input.wind.empty() || params.drag <= 0) &&
+           (planned.edge_lengths || params.lengths.iterations <= 0) &&
+           ((planned.local_shape && planned.local_method == params.local.method) || params.local.stiffness <= 0 ||
+            params.local.iterations <= 0);
+  }
+  if (!fits) throw std::invalid_argument("the input of a frame asks for more than the plan has");
+}
+
 template <class Scalar>
 void OpenMPSolver<Scalar>::advance(const FrameInput& input) {
+  check_against_plan(input);
   std::vector<RegionStep<Scalar>> regions;
   for (const RegionParams& params : input.regions) regions.push_back(region_step(params, input));
 
@@ -435,7 +456,10 @@ std::optional<NonFinite> OpenMPSolver<Scalar>::find_non_finite() const {
     for (int lane = 0; lane < placed.count; ++lane) {
       const std::size_t strand = strand_order_[placed.first + static_cast<std::size_t>(lane)];
       if (found && found->strand < strand) continue;
-      for (std::size_t i = 0; i < offset_[strand + 1] - offset_[strand]; ++i) {
+      // Free vertices first: a bad one spoils the pinned ones beside it.
+      const std::size_t count = offset_[strand + 1] - offset_[strand];
+      for (std::size_t k = 0; k < count; ++k) {
+        const std::size_t i = (k + 2) % count;
         const Scalar* row = vector_row(newest, i, lane);
         // The sum of three numbers is not finite if one of them is not.
         if (!std::isfinite(row[0] + row[width_] + row[2 * width_])) {

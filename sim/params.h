@@ -1,5 +1,6 @@
 // What an artist can set about the simulation itself. Each parameter is declared once, in fields(); see declare.h.
-// Stiffness and damping are given for the reference step h0 = 1/60 s, and keep their meaning at any other (substep.h).
+// Stiffness and damping are given for the reference step h0 = 1/60 s, and keep their meaning at any other
+// (passes/stiffness.h).
 #pragma once
 
 #include "sim/declare.h"
@@ -85,7 +86,7 @@ void fields(V& v, WindParams& p) {
   v("gust", p.gust, at_least(0).keyed(), "1",
     "How far the wind strays from its mean, along it and across it, as a share of its speed. A function of time and "
     "strand alone.");
-  v("period", p.period, more_than(0), "s", "Time between two gusts.");
+  v("period", p.period, between(0.001, 1e6), "s", "Time between two gusts.");
 }
 
 }  // namespace strandbake

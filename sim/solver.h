@@ -23,7 +23,8 @@ class Solver {
  public:
   virtual ~Solver() = default;
 
-  // One film frame: input.substeps() substeps of Algorithm 1.
+  // One film frame: input.substeps() substeps of Algorithm 1. Throws std::invalid_argument where the input asks for
+  // something that the plan left out, or its parts differ in length.
   virtual void advance(const FrameInput& input) = 0;
 
   // Positions now, world [m], in the order of the groom; `out` holds one entry per vertex.

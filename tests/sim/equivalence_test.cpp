@@ -234,10 +234,11 @@ TEST_CASE("moving the whole scene moves the result") {
 }
 
 TEST_CASE("threads and lanes have no influence on a single bit") {
-  const Shot shot = busy_shot();
+  Shot shot = busy_shot();
+  shot.frames = 5;
   for (const Precision precision : {Precision::Float, Precision::Double}) {
     const std::vector<Points> expected = run(shot, {precision, 1, available_lanes().front()});
-    CHECK(largest_distance(expected.back(), expected.front()) > 0.05);
+    CHECK(largest_distance(expected.back(), expected.front()) > 0.02);
     for (const int lanes : available_lanes()) {
       for (const int threads : {1, 2, 3, 7}) {
         CAPTURE(lanes, threads);
@@ -256,7 +257,7 @@ TEST_CASE("every width is the same on grooms that fill its blocks to any degree"
     shot.groom = mixed_groom(static_cast<std::uint32_t>(100 + strands), strands, 30);
     for (const Precision precision : {Precision::Float, Precision::Double}) {
       const Points expected = run(shot, {precision, 1, available_lanes().front()}).back();
-      for (const int lanes : available_lanes()) CHECK(same_bits(run(shot, {precision, 2, lanes}).back(), expected));
+      for (const int lanes : available_lanes()) CHECK(same_bits(run(shot, {precision, 1, lanes}).back(), expected));
     }
   }
 }

@@ -158,6 +158,24 @@ TEST_CASE("one strand that is not finite leaves the others alone") {
   }
 }
 
+TEST_CASE("an input that asks for more than the plan has is refused") {
+  Shot shot;
+  shot.groom = mixed_groom(47, 4, 10);
+  shot.region.local.stiffness = 0;
+  const auto solver = solver_of(shot);
+  FrameInput input;
+  input.substep = 1.0 / 60;
+  input.head = {Eigen::Isometry3d::Identity()};
+  CHECK_THROWS_AS(solver->advance(input), std::invalid_argument);  // no region
+  input.regions = {shot.region};
+  CHECK_NOTHROW(solver->advance(input));
+  input.wind.resize(2);
+  CHECK_THROWS_AS(solver->advance(input), std::invalid_argument);  // another number of substeps
+  input.wind.clear();
+  input.regions[0].local.stiffness = 0.5;
+  CHECK_THROWS_AS(solver->advance(input), std::invalid_argument);
+}
+
 TEST_CASE("passes that the plan leaves out need no memory") {
   Shot shot;
   shot.groom = mixed_groom(43, 20, 30);

@@ -264,7 +264,7 @@ class Converter {
       std::int32_t axis = -1;
       std::int32_t sign = 1;
       if (!meta->Get(names[row], axis) || axis < 0 || axis > 2) return;
-      meta->Get((std::string(names[row]) + "Sign").c_str(), sign);
+      meta->Get(std::string(names[row]) + "Sign", sign);
       axes(row, axis) = sign < 0 ? -1 : 1;
       if (row == 1) up = {sign < 0 ? '-' : '+', static_cast<char>('X' + axis)};
     }

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdint>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -31,7 +32,8 @@ class BvhGuard {
     if (frames * static_cast<double>(std::max<std::size_t>(1, channels_)) > static_cast<double>(left)) {
       fail("is cut short: it has too few values for " + std::to_string(static_cast<long long>(frames)) + " frames");
     }
-    for (double value = 0; value < frames * static_cast<double>(channels_); ++value) number();
+    const auto values = static_cast<std::uint64_t>(frames) * channels_;
+    for (std::uint64_t value = 0; value < values; ++value) number();
   }
 
  private:
@@ -98,7 +100,7 @@ class BvhGuard {
   }
 
   std::string read_name() {
-    const std::string name(word());
+    std::string name(word());
     if (name.empty() || name == "{") fail("expected the name of a joint, found " + shown(name));
     expect("{");
     return name;

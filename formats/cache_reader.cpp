@@ -80,12 +80,14 @@ Dataset open_dataset(hid_t file, std::uint64_t file_bytes, const std::string& na
   const H5D_layout_t layout = H5Pget_layout(list);
   if ((layout != H5D_CHUNKED && layout != H5D_CONTIGUOUS) || H5Pget_external_count(list) != 0)
     damaged(name + " is not stored in the file itself");
+  std::uint64_t chunk_bytes = 0;
   if (layout == H5D_CHUNKED) {
     set.chunk.resize(rank);
     if (rank == 0 || H5Pget_chunk(list, static_cast<int>(rank), set.chunk.data()) != static_cast<int>(rank) ||
         std::ranges::count(set.chunk, hsize_t{0}) != 0)
       damaged(name + " has impossible chunks");
-    element_count(set.chunk, kLargestChunkBytes / set.value_bytes, "a chunk of " + name);
+    chunk_bytes =
+        set.value_bytes * element_count(set.chunk, kLargestChunkBytes / set.value_bytes, "a chunk of " + name);
     for (int k = 0; k < H5Pget_nfilters(list); ++k) {
       unsigned flags = 0;
       std::size_t none = 0;
@@ -96,7 +98,13 @@ Dataset open_dataset(hid_t file, std::uint64_t file_bytes, const std::string& na
     }
     if (set.filters.size() > 2) damaged(name + " has too many filters");
   }
-  set.stored = std::min<std::uint64_t>(H5Dget_storage_size(set.id), file_bytes);
+  const hsize_t storage = H5Dget_storage_size(set.id);
+  // H5Dread_chunk() goes by the size in the file, and only a filtered chunk can tell it beforehand.
+  hsize_t chunks = 0;
+  if (!set.chunk.empty() && set.filters.empty() &&
+      (H5Dget_num_chunks(set.id, space, &chunks) < 0 || storage != chunks * chunk_bytes))
+    damaged(name + " has a chunk of a wrong size");
+  set.stored = std::min<std::uint64_t>(storage, file_bytes);
   const std::uint64_t ratio = set.filters.empty() ? 1 : kLargestRatio;
   element_count(set.dims, set.stored * ratio / set.value_bytes, name);
   return set;

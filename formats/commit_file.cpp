@@ -131,9 +131,10 @@ CommitFile::~CommitFile() {
 Hdf5List CommitFile::access_list() {
   Hdf5List list(H5Pcreate(H5P_FILE_ACCESS));
   CommitFile* self = this;
-  // The oldest bounds give superblock 0, which every reader knows and which has no mark of an unclosed file.
+  // HDF5 1.8 has checksums over most metadata, so that damage is found where HDF5 1.10 would walk into it, and not yet
+  // the mark of an unclosed file, with which stock readers would refuse what a killed bake leaves.
   if (list < 0 || H5Pset_driver(list, Driver::id(), &self) < 0 ||
-      H5Pset_libver_bounds(list, H5F_LIBVER_EARLIEST, H5F_LIBVER_V18) < 0)
+      H5Pset_libver_bounds(list, H5F_LIBVER_V18, H5F_LIBVER_V18) < 0)
     throw DiskError("HDF5 cannot be set up: " + hdf5_error());
   return list;
 }

@@ -26,7 +26,7 @@ struct BakeParams {
 template <class V>
 void fields(V& v, BakeParams& p) {
   v("frames", p.frames, any_text(), "frame", "First and last frame, \"1-240\", or one frame, \"7\".");
-  v("fps", p.fps, more_than(0), "1/s", "Frames a second.");
+  v("fps", p.fps, Range{0, 100000, true}, "1/s", "Frames a second.");
   v("substeps", p.substeps, between(1, 1000), "1",
     "Steps of the simulation in a frame; head and colliders move in each.");
   v("preroll", p.preroll, between(0, 100000), "frame",
@@ -72,7 +72,7 @@ void fields(V& v, GroomParams& p) {
   v("space", p.space, one_of({"world", "head"}), "",
     "Where the groom was made: in the world at the rest frame, or in the head node's own axes (metres, node at the "
     "origin).");
-  v("scale", p.scale, more_than(0), "1", "Placement, done first: scales the groom about its origin.");
+  v("scale", p.scale, Range{0, 1e6, true}, "1", "Placement, done first: scales the groom about its origin.");
   v("rotate", p.rotate, any_number(), "degree", "Placement, done second: turns about x, then y, then z.");
   v("translate", p.translate, any_number(), "m", "Placement, done last: moves the groom.");
 }
@@ -131,7 +131,7 @@ struct SphereParams {
 template <class V>
 void fields(V& v, SphereParams& p) {
   v("center", p.center, any_number().keyed(), "m", "Centre, in the axes that `space` names.");
-  v("radius", p.radius, at_least(0).keyed(), "m", "Radius.");
+  v("radius", p.radius, between(0, 1e9).keyed(), "m", "Radius.");
 }
 
 struct ColliderParams {
@@ -158,8 +158,10 @@ struct CacheParams {
 };
 template <class V>
 void fields(V& v, CacheParams& p) {
-  v("precision", p.precision, at_least(0), "m",
-    "Positions are rounded to multiples of this, which packs far better. 0: not rounded.");
+  v("precision", p.precision, between(0, 1), "m",
+    "Positions are rounded to multiples of the largest power of two that is not above this, which packs far better. 0: "
+    "not "
+    "rounded.");
   v("compression", p.compression, any_text(), "", "\"none\", or \"deflate:N\" with N from 1, fast, to 12, small.");
   v("velocity", p.velocity, Switch{}, "", "Also write velocities.");
   v("stats", p.stats, Switch{}, "", "Also write the largest stretch and the deepest penetration of each frame.");

@@ -87,9 +87,18 @@ void divide(const Scene& scene, const std::vector<FileStrands>& files, Groom& gr
     }
     FileStrands within{"the groom", 0, strands};
     if (!chosen.file.empty()) {
-      const auto file =
-          std::find_if(files.begin(), files.end(), [&](const FileStrands& f) { return f.name == chosen.file; });
+      const auto same = [&](const FileStrands& f) { return f.name == chosen.file; };
+      const auto file = std::find_if(files.begin(), files.end(), same);
       if (file == files.end()) {
+        selections_are_good = false;
+        continue;
+      }
+      if (std::count_if(files.begin(), files.end(), same) > 1) {
+        faults.push_back(
+            {scene.place(key + ".file"),
+             fmt::format(
+                 "\"{}\" is in groom.files more than once; choose its strands with `range` over the whole groom",
+                 chosen.file)});
         selections_are_good = false;
         continue;
       }
@@ -277,7 +286,17 @@ void load_groom(Shot& shot, Faults& faults, Warnings& warnings) {
     if (shot.animation.nodes.empty()) return;  // nobody knows where the head is
     for (Eigen::Vector3d& p : shot.groom.position) p = shot.head_rest * p;
   }
-  if (!complete) return;
+  const auto lost = std::find_if(shot.groom.position.begin(), shot.groom.position.end(),
+                                 [](const Eigen::Vector3d& p) { return !(p.cwiseAbs().maxCoeff() < 1e9); });
+  if (lost != shot.groom.position.end()) {
+    faults.push_back(
+        {scene.place("groom"),
+         fmt::format("vertex {} lies more than a million kilometres away; look at the units, the scale and the "
+                     "place of the groom",
+                     lost - shot.groom.position.begin())});
+    return;
+  }
+  if (!complete || files.empty()) return;
   divide(scene, files, shot.groom, faults);
 }
 

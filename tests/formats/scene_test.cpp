@@ -365,14 +365,14 @@ TEST_CASE("wrong types say what was found and what would do") {
 }
 
 TEST_CASE("values out of range say the value, the range and the unit") {
-  check_fault_below("[bake]\nfps = 0\n", "4:7", {"\"bake.fps\" is 0", "more than 0 (1/s)"});
+  check_fault_below("[bake]\nfps = 0\n", "4:7", {"\"bake.fps\" is 0", "more than 0 and at most 100000 (1/s)"});
   check_fault_below("[bake]\nfps = -24.5\n", "4:7", {"-24.5"});
   check_fault_below("[bake]\nsubsteps = 0\n", "4:12", {"\"bake.substeps\" is 0", "from 1 to 1000"});
   check_fault_below("[bake]\nsubsteps = 1001\n", "4:12", {"from 1 to 1000"});
   check_fault_below("[bake]\nsubsteps = 9223372036854775807\n", "4:12", {"9223372036854775807", "from 1 to 1000"});
   check_fault_below("[bake]\npreroll = 4294967297\n", "4:11", {"4294967297", "from 0 to 100000 (frame)"});
   check_fault_below("[[collider]]\nsphere.radius = -0.5\n", "4:17",
-                    {"\"collider[0].sphere.radius\" is -0.5", "at least 0 (m)"});
+                    {"\"collider[0].sphere.radius\" is -0.5", "from 0 to 1000000000 (m)"});
   check_fault_below("[[region]]\nname = \"a\"\nlocal.stiffness = 1.5\n", "5:19",
                     {"\"region[0].local.stiffness\" is 1.5", "from 0 to 1"});
   check_fault_below("[forces]\ngravity = [0, nan, 0]\n", "4:15",

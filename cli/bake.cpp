@@ -53,7 +53,7 @@ class Events {
     if (!json_) return;
     // Names of files need not be UTF-8, but JSON must.
     fmt::print("{}\n", event.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
-    std::fflush(stdout);
+    if (std::fflush(stdout) != 0) throw DiskError("standard output cannot be written");
   }
   void warning(const std::string& message) const {
     if (json_) {
@@ -218,17 +218,16 @@ int run_bake(BakeOptions options) {
   if (options.output.empty()) options.output = options.scene.scene.stem().string() + ".h5";
 
   if (options.dry_run) {
-    SolverOptions solver;
-    solver.precision = shot.scene.solver.precision == "double" ? Precision::Double : Precision::Float;
-    solver.threads = options.threads;
-    const auto state =
-        make_openmp_solver(shot.groom, shot.plan, shot.head(shot.scene.first_frame), solver)->state_bytes();
-    fmt::print("{}", describe_plan(shot, state, options.threads));
+    fmt::print("{}", describe_plan(shot, written, options.threads));
     return kGood;
   }
-  if (std::filesystem::exists(options.output) && !options.force) {
+  if (!options.force && std::filesystem::exists(options.output)) {
     return events.failed(
         kDisk, fmt::format("{}: there is a file of this name already; --force replaces it", options.output.string()));
+  }
+  const std::string part = options.output.string() + ".part";
+  if (!options.force && std::filesystem::exists(part)) {
+    return events.failed(kDisk, fmt::format("{}: an unfinished bake lies there; --force replaces it", part));
   }
 
   std::signal(SIGINT, request_stop);
@@ -247,22 +246,25 @@ int run_bake(BakeOptions options) {
     fmt::print(stderr, "simulating frames {} to {} first: frame {} grows out of them\n", bake.scene().first_frame,
                written.first - 1, written.first);
   }
+  // What is left behind where a bake ends early.
+  const auto left_behind = [&](int frame) {
+    return frame > written.first ? fmt::format("{} holds the frames before it", part)
+                                 : fmt::format("{} holds no frame yet", part);
+  };
+  std::optional<std::pair<int, std::string>> failure;
   {
     Progress progress(options.json ? Progress::Style::Silent : Progress::choose(options.quiet),
                       static_cast<std::size_t>(written.second - first + 1), "baking");
     for (int frame = first; frame <= written.second; ++frame) {
       if (stop_requested) {
-        bake.writer().close();
-        return events.failed(kInterrupted,
-                             fmt::format("interrupted before frame {}; {}.part holds the frames before it", frame,
-                                         options.output.string()));
+        failure = {kInterrupted, fmt::format("interrupted before frame {}; {}", frame, left_behind(frame))};
+        break;
       }
       try {
         bake.advance_to(frame);
       } catch (const Bake::NonFiniteError& error) {
-        bake.writer().close();
-        return events.failed(
-            kNonFinite, fmt::format("{}; {}.part holds the frames before it", error.message, options.output.string()));
+        failure = {kNonFinite, fmt::format("{}; {}", error.message, left_behind(frame))};
+        break;
       }
       if (frame >= written.first) {
         nlohmann::ordered_json event = {{"event", "frame"}, {"frame", frame}};
@@ -272,10 +274,14 @@ int run_bake(BakeOptions options) {
         }
         events.emit(event);
       }
-      progress.update(static_cast<std::size_t>(frame - first + 1),
+      progress.update(static_cast<std::size_t>(frame) - static_cast<std::size_t>(first) + 1,
                       frame < written.first ? std::string("before the first frame") : fmt::format("frame {}", frame));
     }
-    bake.writer().finish();
+    if (!failure) bake.writer().finish();
+  }
+  if (failure) {
+    bake.writer().close();
+    return events.failed(failure->first, failure->second);
   }
   const double elapsed = seconds_since(start);
   const auto bytes = std::filesystem::file_size(options.output);
@@ -318,6 +324,10 @@ Verb add_bake(CLI::App& app) {
       return events.failed(kInput, error.what());
     } catch (const DiskError& error) {
       return events.failed(kDisk, error.what());
+    } catch (const std::bad_alloc&) {
+      return events.failed(kInput, "not enough memory for this scene; `strandbake check` tells what it needs");
+    } catch (const std::exception& error) {
+      return events.failed(kInput, error.what());
     }
   };
 }

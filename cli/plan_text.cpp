@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "cli/console.h"
+#include "sim/solver.h"
 
 namespace strandbake {
 namespace {
@@ -28,7 +29,7 @@ std::string wind(const RegionPlan& plan, const RegionParams& p) {
 
 }  // namespace
 
-std::string describe_plan(const Shot& shot, std::size_t state_bytes, int threads) {
+std::string describe_plan(const Shot& shot, std::pair<int, int> written, int threads) {
   const Scene& scene = shot.scene;
   const std::vector<RegionParams> params = shot.regions(scene.first_frame);
   std::string text;
@@ -61,21 +62,27 @@ std::string describe_plan(const Shot& shot, std::size_t state_bytes, int threads
     line("local shape", local_shape(shot.plan.regions[r], params[r]));
     line("edge lengths", edge_lengths(shot.plan.regions[r], params[r]));
   }
-  const auto frames = static_cast<double>(scene.last_frame) - scene.first_frame + 1;
+  const auto frames = static_cast<double>(written.second) - written.first + 1;
   const double frame_bytes = 12.0 * static_cast<double>(shot.groom.vertex_count());
   text += "bake\n";
-  line("frames", fmt::format("{} to {}, {} a second, {} substeps each{}", scene.first_frame, scene.last_frame,
-                             scene.bake.fps, scene.bake.substeps,
-                             scene.bake.preroll > 0 ? fmt::format(", after {} of pre-roll", scene.bake.preroll) : ""));
+  const int before = written.first - scene.first_frame + scene.bake.preroll;
+  line("frames", fmt::format("{} to {}, {} a second, {} substeps each{}", written.first, written.second, scene.bake.fps,
+                             scene.bake.substeps,
+                             before > 0 ? fmt::format(", after {} that are simulated but not written", before) : ""));
   line("solver", fmt::format("openmp, {}, {} thread{}", scene.solver.precision, threads, threads == 1 ? "" : "s"));
   const int arrays = scene.cache.velocity ? 2 : 1;
   line("velocity", scene.cache.velocity ? "written" : "skipped, cache.velocity = false");
   line("stats", scene.cache.stats ? "written" : "skipped, cache.stats = false");
-  line("memory",
-       fmt::format("{}: solver {}, frame {}", human_bytes(static_cast<double>(state_bytes) + 2 * arrays * frame_bytes),
-                   human_bytes(static_cast<double>(state_bytes)), human_bytes(2 * arrays * frame_bytes)));
-  line("disk",
-       fmt::format("{}{}", scene.deflate_level == 0 ? "" : "at most ", human_bytes(frames * arrays * frame_bytes)));
+  SolverOptions solver;
+  solver.precision = scene.solver.precision == "double" ? Precision::Double : Precision::Float;
+  solver.threads = threads;
+  const auto state_bytes =
+      make_openmp_solver(shot.groom, shot.plan, shot.head(scene.first_frame), solver)->state_bytes();
+  line("memory", fmt::format("about {}: solver {}, frame {}",
+                             human_bytes(static_cast<double>(state_bytes) + 2 * arrays * frame_bytes),
+                             human_bytes(static_cast<double>(state_bytes)), human_bytes(2 * arrays * frame_bytes)));
+  line("disk", fmt::format("{}{}", scene.deflate_level == 0 ? "" : "less than about ",
+                           human_bytes(frames * arrays * frame_bytes)));
   return text;
 }
 

@@ -2,13 +2,14 @@
 #pragma once
 
 #include <string>
+#include <utility>
 
 #include "formats/shot.h"
 
 namespace strandbake {
 
-// What each region runs and what it skips and why, one line each, then frames, memory and disk. `state_bytes`: the
-// solver's.
-std::string describe_plan(const Shot& shot, std::size_t state_bytes, int threads);
+// What each region runs and what it skips and why, one line each, then frames, memory and disk. `written`:
+// first and last frame that the cache will hold.
+std::string describe_plan(const Shot& shot, std::pair<int, int> written, int threads);
 
 }  // namespace strandbake

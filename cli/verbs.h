@@ -15,10 +15,8 @@ namespace strandbake {
 // Exit codes of every verb.
 enum ExitCode {
   kGood = 0,
-  kDiffers = 1,  // or invalid: what was asked to be checked does not pass
-  kUsage = 2,    // the command line makes no sense
-  kInput = 3,    // a scene, groom, animation or cache cannot be used
-  kDevice = 4,
+  kUsage = 2,      // the command line makes no sense
+  kInput = 3,      // a scene, groom, animation or cache cannot be used
   kDisk = 5,       // an output cannot be written
   kNonFinite = 6,  // the simulation left the numbers
   kInterrupted = 130,

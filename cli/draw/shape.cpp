@@ -146,8 +146,9 @@ void draw_shapes(Canvas& canvas, const Camera& camera, std::span<const Shape> sh
       float depth = 0;
       int hits = 0;
       for (int sample = 0; sample < side * side; ++sample) {
-        const float u = (static_cast<float>(sample % side) + 0.5f) / static_cast<float>(side);
-        const float v = (static_cast<float>(sample / side) + 0.5f) / static_cast<float>(side);
+        const int column = sample % side, row = sample / side;
+        const float u = (static_cast<float>(column) + 0.5f) / static_cast<float>(side);
+        const float v = (static_cast<float>(row) + 0.5f) / static_cast<float>(side);
         const Eigen::Vector3f ray = camera.ray(fx + u, fy + v);
         const Hit hit = first_hit(balls, ray, camera.near_depth());
         if (hit.ball < 0) continue;

@@ -1,0 +1,178 @@
+"""info and preview: what is in a cache, in words and in pictures."""
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import struct
+import subprocess
+
+import h5py
+import numpy as np
+import pytest
+from conftest import DISK, GOOD, INPUT, USAGE, assert_one_error, read
+
+SCENE = '''[[region]]
+name = "left"
+strands = {range = "0-1"}
+[[region]]
+name = "right"
+[[collider]]
+sphere = {center = [0.01, 1.53, 0.005], radius = 0.02}
+[cache]
+precision = 1e-5
+velocity = true
+'''
+
+
+@pytest.fixture
+def cache(shot):
+    return shot.bake(scene=shot.scene(SCENE))
+
+
+def cut(cache, name, frames):
+    """The cache as a bake that ended early leaves it."""
+    with h5py.File(cache) as file, h5py.File(cache.with_name(name), "w") as part:
+        for key, value in file.attrs.items():
+            part.attrs[key] = value
+        for key in file:
+            file.copy(key, part)
+        part.attrs["complete"] = np.uint8(0)
+        for group in (part["frames"], part["stats"]):
+            for item in group.values():
+                item.resize(frames, axis=0)
+
+
+def png_size(path):
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n" and data[-8:-4] == b"IEND"
+    return struct.unpack(">II", data[16:24])
+
+
+# info
+
+
+def test_info_says_what_is_in_a_cache(shot, cache):
+    run = shot.run("info", "out.h5")
+    assert run.code == GOOD and run.err == ""
+    lines = [re.split(r" {2,}", line, maxsplit=1) for line in run.out.splitlines()]
+    assert lines[0] == ["cache", "out.h5"]
+    assert ["frames", "1 to 4, 4 in all, 24 a second"] in lines
+    assert ["strands", "5"] in lines and ["vertices", "30"] in lines
+    assert ["region", '"left", 2 strands'] in lines and ["region", '"right", 3 strands'] in lines
+    assert re.search(r"positions +[\d.]+ [KM]?i?B, [\d.]+ : 1, deflate, rounded to 1e-05 m", run.out)
+    assert ["velocities", "yes"] in lines
+    digest = hashlib.sha256((shot / "a.hair").read_bytes()).hexdigest()
+    assert f"{digest}  a.hair" in run.out
+
+
+def test_info_as_json_says_the_same(shot, cache):
+    run = shot.run("info", "out.h5", "--json")
+    info = json.loads(run.out)
+    found = read(cache)
+    assert run.code == GOOD and run.err == ""
+    assert info["file"] == "out.h5" and info["complete"] is True and re.fullmatch(r"\d+\.\d+\.\d+", info["version"])
+    assert (info["frames"], info["first_frame"], info["last_frame"], info["fps"]) == (4, 1, 4, 24)
+    assert (info["strands"], info["vertices"], info["precision"], info["velocity"]) == (5, 30, 1e-5, True)
+    assert info["regions"] == [{"name": "left", "strands": 2}, {"name": "right", "strands": 3}]
+    assert info["inputs"] == [{"name": "a.hair", "sha256": hashlib.sha256((shot / "a.hair").read_bytes()).hexdigest()}]
+    stretch = found["stats/largest_stretch"]
+    assert info["largest_stretch"] == {"value": stretch.max(), "frame": found["frames/number"][stretch.argmax()]}
+
+
+def test_info_tells_an_unfinished_cache(shot, cache):
+    cut(cache, "out.h5.part", 2)
+    run = shot.run("info", "out.h5.part")
+    assert run.code == GOOD
+    assert "out.h5.part (not finished)" in run.out and "1 to 2, 2 in all" in run.out
+    assert json.loads(shot.run("info", "out.h5.part", "--json").out)["complete"] is False
+    cut(cache, "none.part", 0)
+    assert re.search(r"frames +none", shot.run("info", "none.part").out)
+    assert json.loads(shot.run("info", "none.part", "--json").out)["frames"] == 0
+
+
+@pytest.mark.parametrize("verb", [["info"], ["preview", "-o", "out.png"]])
+def test_what_is_no_cache_is_refused(shot, cache, verb):
+    (shot / "cut.h5").write_bytes(cache.read_bytes()[:3000])
+    (shot / "empty.h5").write_bytes(b"")
+    with h5py.File(shot / "other.h5", "w") as file:
+        file["position"] = [1, 2, 3]
+    shutil.copy(cache, shot / "newer.h5")
+    with h5py.File(shot / "newer.h5", "r+") as file:
+        file.attrs["format_version"] = np.int32(99)
+    for name in ("cut.h5", "empty.h5", "other.h5", "newer.h5", "a.hair", "none.h5", "."):
+        assert_one_error(shot.run(*verb, name), INPUT, name)
+    assert not (shot / "out.png").exists()
+
+
+# Stock programs
+
+
+@pytest.mark.skipif(shutil.which("h5dump") is None or shutil.which("h5ls") is None, reason="needs hdf5-tools")
+def test_stock_programs_read_what_bake_wrote(shot, cache):
+    def run(*command):
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+    assert "/frames/position         Dataset {4/Inf, 30, 3}" in run("h5ls", "-r", cache)
+    text = run("h5dump", "-y", "-d", "/frames/position", "-s", "3,29,0", "-c", "1,1,3", "-m", "%.9g", cache)
+    tip = np.array(re.search(r"DATA {([^}]*)}", text)[1].split(","), np.float32)
+    np.testing.assert_array_equal(tip, read(cache)["frames/position"][3, 29])
+
+
+def test_the_reader_of_the_page_of_the_cache_works(shot, cache):
+    """The Python in docs/CACHE.md and README.md, on this cache."""
+    from conftest import SOURCE
+
+    for page, name in (("docs/CACHE.md", "ponytail.h5"), ("README.md", "shot.h5")):
+        text = (SOURCE / page).read_text()
+        code = re.search(r"```python\n(.*?)```", text, re.S)[1].replace(f'"{name}"', repr(os.fspath(cache)))
+        assert name not in code
+        exec(compile(code.replace("[10]", "[2]"), page, "exec"), {})
+
+
+# preview
+
+
+def test_preview_draws_a_sheet_of_frames(shot, cache):
+    run = shot.run("preview", "out.h5", "-o", "out.png", "--tile", "48")
+    assert run.code == GOOD and run.err == "" and run.out == "out.png: 4 frames\n"
+    width, height = png_size(shot / "out.png")
+    assert width >= 96 and height >= 48
+    assert shot.files() == ["a.hair", "out.h5", "out.png", "scene.toml"]
+    again = shot.run("preview", "out.h5", "-o", "again.png", "--tile", "48")
+    assert again.code == GOOD
+    assert (shot / "again.png").read_bytes() == (shot / "out.png").read_bytes()
+
+
+def test_preview_chooses_frames(shot, cache):
+    for options, count in ((["--count", "2"], 2), (["--frames", "2-3"], 2), (["--frames", "4"], 1), (["--frames", "3-100"], 2)):
+        run = shot.run("preview", "out.h5", "-o", "out.png", "--tile", "32", "--force", *options)
+        assert run.code == GOOD and run.out.startswith(f"out.png: {count} frame")
+    assert_one_error(shot.run("preview", "out.h5", "-o", "new.png", "--frames", "7-9"), INPUT, "out.h5", "7-9")
+
+
+def test_preview_reads_an_unfinished_cache(shot, cache):
+    cut(cache, "out.h5.part", 2)
+    assert shot.run("preview", "out.h5.part", "-o", "out.png", "--tile", "32").out == "out.png: 2 frames\n"
+    cut(cache, "none.part", 0)
+    assert_one_error(shot.run("preview", "none.part", "-o", "none.png"), INPUT, "none.part", "no frame")
+
+
+def test_preview_takes_a_view(shot, cache):
+    pictures = set()
+    for options in ([], ["--azimuth", "120"], ["--elevation", "60"]):
+        assert shot.run("preview", "out.h5", "-o", "out.png", "--tile", "64", "--count", "1", "--force", *options).code == GOOD
+        pictures.add((shot / "out.png").read_bytes())
+    assert len(pictures) == 3
+
+
+def test_preview_writes_over_nothing_and_says_where_it_cannot_write(shot, cache):
+    (shot / "old.png").write_text("old")
+    assert_one_error(shot.run("preview", "out.h5", "-o", "old.png"), DISK, "old.png", "--force")
+    assert (shot / "old.png").read_text() == "old"
+    assert_one_error(shot.run("preview", "out.h5", "-o", "none/out.png", "--tile", "32"), DISK, "none/out.png")
+    for arguments in (["out.h5"], ["-o", "new.png"], ["out.h5", "-o", "new.png", "--tile", "3"], ["out.h5", "-o", "new.png", "--frames", "x"],
+                      ["out.h5", "-o", "new.png", "--count", "0"], ["out.h5", "-o", "new.png", "--elevation", "100"]):
+        assert shot.run("preview", *arguments).code == USAGE
+    assert not (shot / "new.png").exists()

@@ -32,7 +32,5 @@ grep -E '^(File|TOTAL|sim|formats)' build/coverage/coverage.txt || true
 step "release"
 configure release
 cmake --build --preset release -j "$jobs"
-step "static analysis"
-scripts/tidy.sh build/release
 step "tests"
 ctest --preset release -j "$jobs" --no-tests=error

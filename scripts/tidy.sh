@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# clang-tidy over our own sources; takes the folder of a configured build.
+# clang-tidy over our own sources; takes the folder of a build that clang configured.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 git ls-files 'sim/*.cpp' 'formats/*.cpp' 'cli/*.cpp' | grep -v '^sim/lanes_' |
-  xargs -P "$(nproc)" -n 4 clang-tidy-14 -p "$1" --quiet 2>/dev/null
+  xargs -P "$(nproc)" -n 2 clang-tidy-14 -p "$1" --quiet

@@ -2,12 +2,14 @@
 #include <omp.h>
 
 #include <CLI/CLI.hpp>
+#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <system_error>
 
 #include "cli/console.h"
 #include "cli/plan_text.h"
@@ -53,7 +55,7 @@ class Events {
     if (!json_) return;
     // Names of files need not be UTF-8, but JSON must.
     fmt::print("{}\n", event.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
-    if (std::fflush(stdout) != 0) throw DiskError("standard output cannot be written");
+    if (std::fflush(stdout) != 0) throw std::system_error(errno, std::generic_category(), "standard output");
   }
   void warning(const std::string& message) const {
     if (json_) {
@@ -323,6 +325,8 @@ Verb add_bake(CLI::App& app) {
     } catch (const InputError& error) {
       return events.failed(kInput, error.what());
     } catch (const DiskError& error) {
+      return events.failed(kDisk, error.what());
+    } catch (const std::system_error& error) {  // as in main()
       return events.failed(kDisk, error.what());
     } catch (const std::bad_alloc&) {
       return events.failed(kInput, "not enough memory for this scene; `strandbake check` tells what it needs");

@@ -48,12 +48,14 @@ def assert_fault(shot, place, *words, arguments=()):
     ('[[region]]\nname = "a"\nstrands = {range = "4-2"}', "8:20", ["runs backwards", "2-4"]),
     ('[[region]]\nname = "a"\nstrands = {range = "0-5"}', "8:20", ["strand 5 is not there", "the groom has 5 strands"]),
     ('[[region]]\nname = "a"\nstrands = {file = "b.hair"}', "8:19", ['"b.hair"', 'did you mean "a.hair"?']),
-    ('[[region]]\nname = "a"\nstrands = {box = {min = [5, 5, 5]}}\n[[region]]\nname = "b"', "8:11", ['region "a" has no strands']),
+    ('[[region]]\nname = "a"\nstrands = {box = {min = [5, 5, 5]}}\n[[region]]\nname = "b"', "8:11",
+     ['region "a" has no strands']),
     ('[[region]]\nname = "a"\n[[region]]\nname = "b"\nstrands = {range = "0-4"}', "6:1",
      ['region "a" has no strands', "the other regions take them all"]),
     ('[[region]]\nname = "a"\nstrands = {range = "0-3"}\n[[region]]\nname = "b"\nstrands = {range = "3-4"}', "11:11",
      ['region "b" claims strand 3, which region "a" has already']),
-    ('[[region]]\nname = "a"\nstrands = {range = "0, 2"}', "6:1", ["no region takes strand 1 and 2 more", "[[region]] without `strands`"]),
+    ('[[region]]\nname = "a"\nstrands = {range = "0, 2"}', "6:1",
+     ["no region takes strand 1 and 2 more", "[[region]] without `strands`"]),
     ('[[region]]\nstrands = {range = "0-4"}', "6:1", ["has no name"]),
     ('[[collider]]\nnode = "Head"\nsphere = {radius = 1}', "7:8", ["there is no animation"]),
     ("[[collider]]\nsphere = {radius = -1}", "7:20", ["from 0 to 1000000000"]),
@@ -71,7 +73,8 @@ def test_a_fault_of_the_scene_is_said_with_its_place(shot, text, place, words):
 @pytest.mark.parametrize("override, words", [
     ("bake.fps=0", ["more than 0"]), ("bake.frames=9-1", ["runs backwards", "1-9"]), ("bake.frames=all", ['"all"']),
     ("bake.fpss=24", ['did you mean "fps"?']), ("bake.fps", ["="]), ("region.tail.damping=0.1", ['no region is named "tail"']),
-    ("collider[0].sphere.radius=1", ["no entries"]), ("groom.units=parsec", ["parsec", "cm"]), ("groom.files=none.hair", ["no such file"]),
+    ("collider[0].sphere.radius=1", ["no entries"]), ("groom.units=parsec", ["parsec", "cm"]),
+    ("groom.files=none.hair", ["no such file"]),
 ])
 def test_a_fault_of_an_override_names_the_override(shot, override, words):
     shot.scene()

@@ -77,7 +77,8 @@ def test_a_pass_runs_if_it_does_something_in_any_frame(shot):
 
 
 def test_the_plan_tells_frames_head_memory_and_disk(shot, head):
-    shot.scene(head + "[[collider]]\nsphere = {radius = 0.1}\n[[collider]]\nsphere = {radius = 0.1}\nnode = \"Head\"\n", frames="1-240")
+    collider = "[[collider]]\nsphere = {radius = 0.1}\n"
+    shot.scene(head + collider + collider + 'node = "Head"\n', frames="1-240")
     plan = plan_of(shot.run("check", "scene.toml", "--set", "bake.preroll=12", "--set", "solver.precision=double", "--set",
                             "cache.compression=none"))
     assert re.fullmatch(r'node "Head" of head\.gltf, clip ".+", 5 s', plan["head"]["motion"])
@@ -115,7 +116,8 @@ compression = "zip"
     assert run.code == INPUT and run.out == ""
     lines = run.err.splitlines()
     expected = [
-        (2, 10, "runs backwards"), (3, 7, '"bake.fps" is 0'), (4, 12, "whole number"), (7, 9, "parsec"), (9, 8, '"wind.gust" is -1'),
+        (2, 10, "runs backwards"), (3, 7, '"bake.fps" is 0'), (4, 12, "whole number"), (7, 9, "parsec"),
+        (9, 8, '"wind.gust" is -1'),
         (10, 1, '"direction": unknown key'), (13, 1, 'did you mean "damping"?'), (16, 8, "a name of its own"), (17, 20, '"x"'),
         (19, 15, '"zip"'), (6, 20, "cut.hair"), (6, 32, '"none.hair": no such file'),
     ]

@@ -88,7 +88,8 @@ def test_ambiguous_heads_and_missing_clips_are_told_apart(shot):
         assert all(word in run.err for word in words), run.err
 
 
-@pytest.mark.parametrize("clip, words", [("Step Scale", ["STEP"]), ("CubicSpline Translation", ["CUBICSPLINE"]), ("Linear Translation", [])])
+@pytest.mark.parametrize("clip, words", [
+    ("Step Scale", ["STEP"]), ("CubicSpline Translation", ["CUBICSPLINE"]), ("Linear Translation", [])])
 def test_flattened_key_types_are_told(shot, clip, words):
     (shot / "scene.toml").write_text('[groom]\nfiles = ["a.hair"]\n[head]\nanimation = "animation/interpolation_test.gltf"\n'
                                      f'node = "Cube"\nclip = "{clip}"\n')

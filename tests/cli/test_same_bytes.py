@@ -145,10 +145,10 @@ def test_everything_is_in_the_scene(everything):
     assert off[offset[:-1]].max() < 2e-6 and off[tips[::2]].max() < 2e-6 and off[middles[::3]].max() < 2e-6
     assert np.median(off[tips[1::2]]) > 1e-3 and np.median(off[middles[1::3]]) > 1e-3
 
-    for change in ("region.exact.local.method=2", "region.lagged.local.method=1", "region.turned.local.method=1", "bake.preroll=0",
-                   "wind.gust=0", "wind.velocity=[0, 0, 0]", "collider[0].sphere.radius=0", "collider[1].sphere.radius=0",
-                   "collider[2].sphere.radius=0", "collider[3].sphere.radius=0", "region.exact.damping=0.05",
-                   "region.exact.global.stiffness=0.05", "region.exact.drag=1", "region.rest.lengths.iterations=9",
+    for change in ("region.exact.local.method=2", "region.lagged.local.method=1", "region.turned.local.method=1",
+                   "bake.preroll=0", "wind.gust=0", "wind.velocity=[0, 0, 0]", "collider[0].sphere.radius=0",
+                   "collider[1].sphere.radius=0", "collider[2].sphere.radius=0", "collider[3].sphere.radius=0",
+                   "region.exact.damping=0.05", "region.exact.global.stiffness=0.05", "region.exact.drag=1", "region.rest.lengths.iterations=9",
                    "forces.gravity=[0, -9.81, 0]", "solver.precision=double", "cache.precision=0", "head.start=-20"):
         changed = read(everything.bake("--set", change, "--force", out="changed.h5"))["frames/position"]
         assert (changed != frames).any(), change
@@ -173,7 +173,8 @@ def test_another_run_from_another_folder_makes_the_same_bytes(everything):
     time.sleep(1.1)  # HDF5's time stamps count seconds
     (everything / "sub").mkdir()
     for scene, cwd in (("../scene.toml", everything / "sub"), (everything / "scene.toml", "/")):
-        run = everything.run("bake", scene, "-o", everything / "again.h5", "--force", cwd=cwd, env={"HOME": "/nowhere", "TZ": "Asia/Tokyo"})
+        run = everything.run("bake", scene, "-o", everything / "again.h5", "--force", cwd=cwd,
+                             env={"HOME": "/nowhere", "TZ": "Asia/Tokyo", "LC_ALL": "C"})
         assert run.code == GOOD, run.err
         assert sha256(everything / "again.h5") == first
 
@@ -212,9 +213,11 @@ def strings_of(path):
 
 def test_a_cache_tells_nothing_of_the_machine(everything):
     texts = strings_of(everything.bake())
-    secrets = {os.fspath(everything.folder), everything.folder.name, os.getcwd(), PROGRAM, "/usr/", "/tmp/", time.strftime("%Y-%m")}
-    secrets |= {name for name in (socket.gethostname(), getpass.getuser(), os.path.expanduser("~")) if len(name) > 5}
+    secrets = {os.fspath(everything.folder), everything.folder.name, os.getcwd(), PROGRAM, "/usr/", "/tmp/", "/home/",
+               time.strftime("%Y-%m"), socket.gethostname(), getpass.getuser(), os.path.expanduser("~")}
     for secret in secrets:
+        if len(secret) < 5:  # found by chance
+            continue
         assert not any(secret.encode() in text for text in texts), secret
     names = read(everything / "out.h5")["provenance/inputs/name"].astype(str)
     assert set(names) == {"mixed.hair", "pinned.tfx", "both_ends.tfx", "lines.obj", "head.gltf"}

@@ -192,8 +192,6 @@ void OpenMPSolver<Scalar>::arrange(const Groom& groom, const Plan& plan) {
             [&](std::uint32_t a, std::uint32_t b) { return key(a) < key(b); });
 
   const std::size_t w = static_cast<std::size_t>(width_);
-  // Offsets first, pointers once the memory is there.
-  std::vector<std::size_t> begin;
   for (std::size_t first = 0; first < strands;) {
     const std::uint32_t region = region_of(strand_order_[first]);
     const std::uint8_t pins = extra_pins[strand_order_[first]];
@@ -210,9 +208,27 @@ void OpenMPSolver<Scalar>::arrange(const Groom& groom, const Plan& plan) {
     placed.count = static_cast<int>(end - first);
     placed.block.vertices = static_cast<int>(n);
     placed.block.masked = pins != 0 || shortest != n;
+    if (plan.regions[region].global_shape) {
+      // The longest reach of any lane, by arc length.
+      for (int lane = 0; lane < placed.count; ++lane) {
+        const std::size_t s = strand_order_[placed.first + static_cast<std::size_t>(lane)];
+        double total = 0;
+        for (std::uint64_t v = groom.offset[s] + 1; v < groom.offset[s + 1]; ++v) {
+          total += (groom.position[v] - groom.position[v - 1]).norm();
+        }
+        double along = 0;
+        for (std::uint64_t v = groom.offset[s] + 1; v < groom.offset[s + 1]; ++v) {
+          along += (groom.position[v] - groom.position[v - 1]).norm();
+          if (along <= plan.regions[region].global_range * total) {
+            placed.block.global_end = std::max(placed.block.global_end, static_cast<int>(v - groom.offset[s]) + 1);
+          }
+        }
+      }
+    }
     blocks_.push_back(placed);
     first = end;
   }
+  // Once to count, once more when the memory is there.
   const auto lay_out = [&](Scalar* base) {
     std::size_t used = 0;
     const auto take = [&](Scalar*& array, std::size_t count) {
@@ -223,24 +239,6 @@ void OpenMPSolver<Scalar>::arrange(const Groom& groom, const Plan& plan) {
       Block<Scalar>& b = placed.block;
       const RegionPlan& region = plan.regions[placed.region];
       const std::size_t n = static_cast<std::size_t>(b.vertices);
-      b.global_end = 0;
-      if (region.global_shape) {
-        // The longest reach of any lane, by arc length.
-        for (int lane = 0; lane < placed.count; ++lane) {
-          const std::size_t s = strand_order_[placed.first + static_cast<std::size_t>(lane)];
-          double total = 0;
-          for (std::uint64_t v = groom.offset[s] + 1; v < groom.offset[s + 1]; ++v) {
-            total += (groom.position[v] - groom.position[v - 1]).norm();
-          }
-          double along = 0;
-          for (std::uint64_t v = groom.offset[s] + 1; v < groom.offset[s + 1]; ++v) {
-            along += (groom.position[v] - groom.position[v - 1]).norm();
-            if (along <= region.global_range * total) {
-              b.global_end = std::max(b.global_end, static_cast<int>(v - groom.offset[s]) + 1);
-            }
-          }
-        }
-      }
       const bool frames = region.local_shape && region.local_method != 3;
       const bool all_rest = b.masked || (region.local_shape && region.local_method == 3);
       const std::size_t rest = all_rest ? n : std::max<std::size_t>(2, static_cast<std::size_t>(b.global_end));

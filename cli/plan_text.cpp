@@ -57,6 +57,10 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, int thr
     }
     text += fmt::format("region \"{}\"\n", scene.regions[r].name);
     line("strands", fmt::format("{} with {} vertices", strands, vertices));
+    if (!shot.plan.regions[r].simulated) {
+      line("all passes", "skipped, simulate = false: hair rides on the head");
+      continue;
+    }
     line("wind", wind(shot.plan.regions[r], params[r]));
     line("global shape", global_shape(shot.plan.regions[r], params[r]));
     line("local shape", local_shape(shot.plan.regions[r], params[r]));
@@ -76,8 +80,7 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, int thr
   SolverOptions solver;
   solver.precision = scene.solver.precision == "double" ? Precision::Double : Precision::Float;
   solver.threads = threads;
-  const auto state_bytes =
-      make_openmp_solver(shot.groom, shot.plan, shot.head(scene.first_frame), solver)->state_bytes();
+  const std::size_t state_bytes = openmp_state_bytes(shot.groom, shot.plan, solver);
   line("memory", fmt::format("about {}: solver {}, frame {}",
                              human_bytes(static_cast<double>(state_bytes) + 2 * arrays * frame_bytes),
                              human_bytes(static_cast<double>(state_bytes)), human_bytes(2 * arrays * frame_bytes)));

@@ -364,7 +364,7 @@ FrameInput Shot::input(int frame) const {
   return input;
 }
 
-Shot load_shot(Scene scene, Faults& faults, Warnings& warnings) {
+Shot load_shot(Scene scene, Faults& faults, Warnings& warnings, bool skip_idle) {
   Shot shot;
   shot.scene = std::move(scene);
   shot.collider_node.assign(shot.scene.colliders.size(), 0);
@@ -384,7 +384,7 @@ Shot load_shot(Scene scene, Faults& faults, Warnings& warnings) {
   for (const RegionScene& region : shot.scene.regions) {
     std::vector<RegionParams> over_time;
     for (const double frame : telling_frames(shot.scene, region.params)) over_time.push_back(region.params.at(frame));
-    shot.plan.regions.push_back(plan_region(over_time, windy));
+    shot.plan.regions.push_back(plan_region(over_time, windy, skip_idle));
   }
   return shot;
 }

@@ -44,6 +44,7 @@ struct Shot {
 };
 
 // Opens everything that a scene names. Appends all that is wrong to `faults`; with faults the shot is of no use.
-Shot load_shot(Scene scene, Faults& faults, Warnings& warnings);
+// `skip_idle`: as in plan_region.
+Shot load_shot(Scene scene, Faults& faults, Warnings& warnings, bool skip_idle = true);
 
 }  // namespace strandbake

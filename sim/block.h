@@ -6,13 +6,17 @@
 // which no real vertex feels.
 #pragma once
 
+#include "sim/work_count.h"
+
 namespace strandbake {
 
 template <class Scalar>
 struct Block {
   int vertices;        // of the longest strand in the block
   bool masked;         // some strand is pinned beyond its first two vertices, or shorter than `vertices`
+  bool rides;          // not simulated: position is the rest position on the head, and previous the same memory
   int global_end;      // vertices [2, global_end) are in the range of the global shape
+  int rest_vertices;   // of `rest`
   Scalar* position;    // [vertices] vectors: P
   Scalar* previous;    // [vertices] vectors: Q
   Scalar* rest;        // [rest_vertices] vectors: P0, as many as anything needs
@@ -26,6 +30,7 @@ struct Block {
   Scalar* free;         // [vertices] if masked: 1 free, 0 pinned or padding
   Scalar* active;       // [vertices] if masked: 1 where the segment that ends at a vertex exists
   Scalar* wind_weight;  // [4]: blend of the four gusts
+  bool at_rest;         // the last substep changed not a bit, and neither would another with the same input
 };
 
 // One moment at the end of a substep.
@@ -36,28 +41,42 @@ struct Substep {
   Scalar wind[12];        // four velocities [m/s]
   const Scalar* spheres;  // [sphere_count] of x, y, z, radius
   int sphere_count;
+  bool repeats;  // all of the above is as it was in the substep before, be it of this frame or of the last
 };
 
 // A region's parameters, made ready for the length of a substep.
 template <class Scalar>
 struct RegionStep {
-  Scalar keep_first;            // share of the velocity kept in the frame's first substep
-  Scalar keep;                  // and in the others
-  Scalar gravity_h2[3];         // [m]
-  Scalar drag_h2;               // drag times h^2 [s]; 0: no wind
-  Scalar global_stiffness;      // S_G at 1/60 s; 0: off
-  Scalar step_ratio2;           // (h0 / h)^2
-  Scalar half_local_stiffness;  // S_L / 2 at this substep; 0: off
+  Scalar keep_first;                     // share of the velocity kept in the frame's first substep
+  Scalar keep;                           // and in the others
+  Scalar gravity_h2[3];                  // [m]
+  bool wind, global_shape, local_shape;  // which of them run
+  Scalar drag_h2;                        // drag times h^2 [s]
+  Scalar global_stiffness;               // S_G at 1/60 s
+  Scalar step_ratio2;                    // (h0 / h)^2
+  Scalar half_local_stiffness;           // S_L / 2 at this substep
   int local_iterations;
   int local_method;
   int length_iterations;
+  bool repeats;  // all of the above, but for what is kept of a velocity, is as it was in the last frame
+};
+
+// What one thread needs beside the blocks, and what it counts.
+template <class Scalar>
+struct Workspace {
+  Scalar* error;    // [vertices]: of edge lengths
+  Scalar* edge;     // [vertices] vectors: method 3, rest edges turned with the head
+  Scalar* frame_x;  // [vertices] vectors: method 2, frames before a substep
+  Scalar* frame_y;
+  bool skip_colliders, skip_resting;  // see Skip
+  WorkCount work;
 };
 
 // Runs all substeps of one frame on one block. `position` and `previous` change roles in every substep: after an odd
 // number of them the new positions stand in `previous`.
 template <class Scalar>
-using AdvanceBlock = void (*)(const Block<Scalar>& block, const RegionStep<Scalar>& region,
-                              const Substep<Scalar>* substeps, int substep_count);
+using AdvanceBlock = void (*)(Block<Scalar>& block, const RegionStep<Scalar>& region, const Substep<Scalar>* substeps,
+                              int substep_count, Workspace<Scalar>& workspace);
 
 struct LaneKernels {
   const char* name;

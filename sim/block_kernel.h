@@ -3,6 +3,7 @@
 
 #include "sim/block.h"
 #include "sim/lanes.h"
+#include "sim/pair.h"
 #include "sim/passes/collide.h"
 #include "sim/passes/edge_length.h"
 #include "sim/passes/global_shape.h"
@@ -26,6 +27,7 @@ struct BlockStep {
   const Block<Scalar>& block;
   const RegionStep<Scalar>& region;
   const Substep<Scalar>& now;
+  Workspace<Scalar>& workspace;
   Vec* p;  // positions of the substep before, then Q of the next
   Vec* q;  // positions before that; the new ones are written over them
   Vec row_x, row_y, row_z, translation;
@@ -35,8 +37,8 @@ struct BlockStep {
   static STRANDBAKE_INLINE Vec broadcast(const Scalar* v) { return {Real(v[0]), Real(v[1]), Real(v[2])}; }
 
   STRANDBAKE_INLINE BlockStep(const Block<Scalar>& b, const RegionStep<Scalar>& r, const Substep<Scalar>& s,
-                              Vec* current, Vec* previous)
-      : block(b), region(r), now(s), p(current), q(previous) {
+                              Workspace<Scalar>& w, Vec* current, Vec* previous)
+      : block(b), region(r), now(s), workspace(w), p(current), q(previous) {
     row_x = broadcast(s.rotation);
     row_y = broadcast(s.rotation + 3);
     row_z = broadcast(s.rotation + 6);
@@ -46,53 +48,63 @@ struct BlockStep {
   STRANDBAKE_INLINE Vec with_head(int i) const {
     return rotate(row_x, row_y, row_z, vectors(block.rest)[i]) + translation;
   }
-  // 1 where a vertex may move.
-  STRANDBAKE_INLINE Real free(int i) const {
-    if constexpr (Masked) return reals(block.free)[i];
-    return Real(i < 2 ? Scalar(0) : Scalar(1));
-  }
-  // Leaves a correction out where the segment that ends at vertex i is padding.
-  STRANDBAKE_INLINE Vec where_active(Vec d, int i) const {
-    if constexpr (Masked) return d * reals(block.active)[i];
-    return d;
-  }
-  // p0 -= d and p1 += d, each only where it is free; vertex i is the far end.
-  STRANDBAKE_INLINE void part(Vec& p0, Vec& p1, Vec d, int i) const {
-    if constexpr (Masked) {
-      p0 = p0 - d * free(i - 1);
-      p1 = p1 + d * free(i);
-    } else {
-      if (i > 2) p0 = p0 - d;
-      p1 = p1 + d;
-    }
-  }
-
   STRANDBAKE_INLINE FRAME root_frame() const {
     const Vec* rest = vectors(block.root_frame);
     return {rotate(row_x, row_y, row_z, rest[0]), rotate(row_x, row_y, row_z, rest[1])};
   }
 
-  // Forces, integration and global shape: one walk, old positions in p, new ones over q.
-  STRANDBAKE_INLINE void integrate_and_pull(Real keep) {
-    const Vec gravity = broadcast(region.gravity_h2);
-    const bool windy = region.drag_h2 > 0;
-    Vec wind = {Real(0), Real(0), Real(0)};
-    if (windy) {
-      for (int j = 0; j < 4; ++j) {
-        wind = wind + broadcast(now.wind + 3 * j) * (reals(block.wind_weight)[j] * Real(region.drag_h2));
-      }
+  // A constraint between two vertices, with its corrections d_near and d_far for free ones. `First`: the near one is
+  // vertex 1. In masked blocks weights say who is free, and leave out segments that are padding.
+  template <bool First>
+  STRANDBAKE_INLINE void part(Vec& near, Vec& far, Vec d, int i) const {
+    if constexpr (Masked) {
+      d = d * reals(block.active)[i];
+      near = near - d * reals(block.free)[i - 1];
+      far = far + d * reals(block.free)[i];
+    } else {
+      if constexpr (!First) near = near - d;
+      far = far + d;
     }
-    const int global_end = region.global_stiffness > 0 ? block.global_end : 0;
-    q[0] = with_head(0);
-    q[1] = with_head(1);
-    for (int i = 2; i < block.vertices; ++i) {
+  }
+
+  // Applies a constraint to all even segments, then to all odd ones, in one walk: an odd segment follows the even ones
+  // on both sides of it. constraint.template apply<First>(near, far, i).
+  template <class Constraint>
+  STRANDBAKE_INLINE void sweep(const Constraint& constraint) const {
+    const int n = block.vertices;
+    if (n < 3) return;
+    Vec left = q[1];
+    Vec right = q[2];
+    constraint.template apply<true>(left, right, 2);
+    q[1] = left;
+    left = right;
+    int i = 4;
+    for (; i < n; i += 2) {
+      Vec near = q[i - 1];
+      right = q[i];
+      constraint.template apply<false>(near, right, i);
+      constraint.template apply<false>(left, near, i - 1);
+      q[i - 2] = left;
+      q[i - 1] = near;
+      left = right;
+    }
+    if (i == n) {  // the last segment is odd
+      right = q[n - 1];
+      constraint.template apply<false>(left, right, n - 1);
+      q[n - 1] = right;
+    }
+    q[i - 2] = left;
+  }
+
+  STRANDBAKE_INLINE void integrate_and_pull(int begin, int end, bool pulled, Real keep, bool windy, Vec wind) const {
+    const Vec gravity = broadcast(region.gravity_h2);
+    const Real stiffness(region.global_stiffness), ratio2(region.step_ratio2);
+    for (int i = begin; i < end; ++i) {
       Vec accel_h2 = gravity;
       if (windy) accel_h2 = accel_h2 + wind_across(wind, p[i] - p[i - 1]);
       Vec moved = integrate(p[i], q[i], keep, accel_h2);
-      if (i < global_end) {
-        const Real stiffness =
-            stiffness_at_step(Real(region.global_stiffness) * reals(block.fade)[i], Real(region.step_ratio2));
-        moved = pull_to_goal(moved, with_head(i), stiffness);
+      if (pulled) {
+        moved = pull_to_goal(moved, with_head(i), stiffness_at_step(stiffness * reals(block.fade)[i], ratio2));
       }
       if constexpr (Masked) {
         const auto is_free = reals(block.free)[i] > Real(Scalar(0));
@@ -104,113 +116,288 @@ struct BlockStep {
     }
   }
 
-  // Method 1 (Algorithm 3): each constraint is followed by the update of the next frame.
-  STRANDBAKE_INLINE void local_shape_exact() {
-    const Real half(region.half_local_stiffness);
-    FRAME frame = root_frame();
-    Vec near = q[1];
-    for (int i = 2; i < block.vertices; ++i) {
-      Vec far = q[i];
-      const Vec d =
-          local_shape_error(frame, vectors(block.local_edge)[i], vectors(block.remainder)[i], far - near) * half;
-      part(near, far, where_active(d, i), i);
-      q[i - 1] = near;
-      frame = turn_frame(frame, far - near);
-      near = far;
+  // Hair of a region that is not simulated.
+  STRANDBAKE_INLINE void ride() const {
+    for (int i = 0; i < block.vertices; ++i) q[i] = with_head(i);
+  }
+
+  // Forces, integration and global shape: old positions in p, new ones over q.
+  STRANDBAKE_INLINE void integrate_and_pull(Real keep) const {
+    const bool windy = region.wind;
+    Vec wind = {Real(0), Real(0), Real(0)};
+    if (windy) {
+      for (int j = 0; j < 4; ++j) {
+        wind = wind + broadcast(now.wind + 3 * j) * (reals(block.wind_weight)[j] * Real(region.drag_h2));
+      }
     }
-    q[block.vertices - 1] = near;
+    q[0] = with_head(0);
+    q[1] = with_head(1);
+    const int global_end = region.global_shape && block.global_end > 2 ? block.global_end : 2;
+    integrate_and_pull(2, global_end, true, keep, windy, wind);
+    integrate_and_pull(global_end, block.vertices, false, keep, windy, wind);
+  }
+
+  // Method 1 (Algorithm 3): each constraint is followed by the update of the next frame. The chain of operations is
+  // serial and long, but an iteration can follow the one before it two vertices behind; so two of them walk down the
+  // strand side by side.
+  template <class R>
+  struct Walk {
+    Frame<R> frame;  // of the segment that ends at `near`
+    Vec3<R> near;
+  };
+  static STRANDBAKE_INLINE Vec3<Pair<Real>> both(Vec a, Vec b) { return {{a.x, b.x}, {a.y, b.y}, {a.z, b.z}}; }
+  static STRANDBAKE_INLINE Vec ahead(Vec3<Pair<Real>> v) { return {v.x.first, v.y.first, v.z.first}; }
+  static STRANDBAKE_INLINE Vec behind(Vec3<Pair<Real>> v) { return {v.x.second, v.y.second, v.z.second}; }
+
+  template <bool First>
+  STRANDBAKE_INLINE void step(Walk<Real>& walk, int i, Real half) const {
+    Vec far = q[i];
+    const Vec d =
+        local_shape_error(walk.frame, vectors(block.local_edge)[i], vectors(block.remainder)[i], far - walk.near) *
+        half;
+    part<First>(walk.near, far, d, i);
+    q[i - 1] = walk.near;
+    walk.frame = turn_frame(walk.frame, far - walk.near);
+    walk.near = far;
+  }
+  STRANDBAKE_INLINE void step(Walk<Pair<Real>>& walk, int i, Real half) const {
+    const Vec* const local_edge = vectors(block.local_edge);
+    const Vec* const remainder = vectors(block.remainder);
+    Vec3<Pair<Real>> far = both(q[i], q[i - 2]);
+    Vec3<Pair<Real>> d = local_shape_error(walk.frame, both(local_edge[i], local_edge[i - 2]),
+                                           both(remainder[i], remainder[i - 2]), far - walk.near) *
+                         Pair<Real>(half, half);
+    if constexpr (Masked) {
+      const Real* const free = reals(block.free);
+      d = d * Pair<Real>(reals(block.active)[i], reals(block.active)[i - 2]);
+      walk.near = walk.near - d * Pair<Real>(free[i - 1], free[i - 3]);
+      far = far + d * Pair<Real>(free[i], free[i - 2]);
+    } else {
+      walk.near = walk.near - d;
+      far = far + d;
+    }
+    q[i - 1] = ahead(walk.near);
+    q[i - 3] = behind(walk.near);
+    walk.frame = turn_frame(walk.frame, far - walk.near);
+    walk.near = far;
+  }
+  STRANDBAKE_INLINE void local_shape_exact() const {
+    const Real half(region.half_local_stiffness);
+    Walk<Real> walk = {root_frame(), q[1]};
+    if (block.vertices > 2) step<true>(walk, 2, half);
+    for (int i = 3; i < block.vertices; ++i) step<false>(walk, i, half);
+    q[block.vertices - 1] = walk.near;
+  }
+  STRANDBAKE_INLINE void local_shape_exact_twice() const {  // needs five vertices
+    const Real half(region.half_local_stiffness);
+    const int n = block.vertices;
+    Walk<Real> one = {root_frame(), q[1]};
+    Walk<Real> two = one;
+    step<true>(one, 2, half);
+    step<false>(one, 3, half);
+    step<false>(one, 4, half);
+    step<true>(two, 2, half);
+    Walk<Pair<Real>> together = {{both(one.frame.x, two.frame.x), both(one.frame.y, two.frame.y)},
+                                 both(one.near, two.near)};
+    for (int i = 5; i < n; ++i) step(together, i, half);
+    q[n - 1] = ahead(together.near);
+    two = {{behind(together.frame.x), behind(together.frame.y)}, behind(together.near)};
+    step<false>(two, n - 2, half);
+    step<false>(two, n - 1, half);
+    q[n - 1] = two.near;
   }
 
   // Method 2 (Algorithm 4): constraints in two batches with the frames of the last iteration, then new frames.
-  STRANDBAKE_INLINE void local_shape_lagged() {
-    const Real half(region.half_local_stiffness);
+  struct LaggedShape {
+    const BlockStep& at;
+    const Vec *frame_x, *frame_y, *local_edge, *remainder;
+    Real half;
+    template <bool First>
+    STRANDBAKE_INLINE void apply(Vec& near, Vec& far, int i) const {
+      const FRAME frame = {frame_x[i - 1], frame_y[i - 1]};
+      at.template part<First>(near, far, local_shape_error(frame, local_edge[i], remainder[i], far - near) * half, i);
+    }
+  };
+  STRANDBAKE_INLINE void local_shape_lagged() const {
     Vec* const frame_x = vectors(block.frame_x);
     Vec* const frame_y = vectors(block.frame_y);
     const FRAME root = root_frame();
     frame_x[1] = root.x;
     frame_y[1] = root.y;
-    for (int batch = 2; batch <= 3; ++batch) {
-      for (int i = batch; i < block.vertices; i += 2) {
-        const FRAME frame = {frame_x[i - 1], frame_y[i - 1]};
-        const Vec d =
-            local_shape_error(frame, vectors(block.local_edge)[i], vectors(block.remainder)[i], q[i] - q[i - 1]) * half;
-        part(q[i - 1], q[i], where_active(d, i), i);
-      }
+    sweep(LaggedShape{*this, frame_x, frame_y, vectors(block.local_edge), vectors(block.remainder),
+                      Real(region.half_local_stiffness)});
+    // From the tip, so that each new frame still sees the old one before it; two at a time, as in method 1.
+    int i = block.vertices - 1;
+    for (; i >= 3; i -= 2) {
+      const Frame<Pair<Real>> old = {both(frame_x[i - 1], frame_x[i - 2]), both(frame_y[i - 1], frame_y[i - 2])};
+      const Frame<Pair<Real>> frame = turn_frame(old, both(q[i], q[i - 1]) - both(q[i - 1], q[i - 2]));
+      frame_x[i] = ahead(frame.x);
+      frame_y[i] = ahead(frame.y);
+      frame_x[i - 1] = behind(frame.x);
+      frame_y[i - 1] = behind(frame.y);
     }
-    // From the tip, so that each new frame still sees the old one before it.
-    for (int i = block.vertices - 1; i >= 2; --i) {
-      const FRAME frame = turn_frame(FRAME{frame_x[i - 1], frame_y[i - 1]}, q[i] - q[i - 1]);
-      frame_x[i] = frame.x;
-      frame_y[i] = frame.y;
+    if (i == 2) {
+      const FRAME frame = turn_frame(root, q[2] - q[1]);
+      frame_x[2] = frame.x;
+      frame_y[2] = frame.y;
     }
   }
 
   // Method 3 (Algorithm 5): rest frames turned with the head, so the goal of an edge is the rest edge turned with the
   // head.
-  STRANDBAKE_INLINE void local_shape_rest() {
-    const Real half(region.half_local_stiffness);
+  struct RestShape {
+    const BlockStep& at;
+    const Vec* edge;
+    Real half;
+    template <bool First>
+    STRANDBAKE_INLINE void apply(Vec& near, Vec& far, int i) const {
+      at.template part<First>(near, far, (edge[i] - (far - near)) * half, i);
+    }
+  };
+  STRANDBAKE_INLINE void turn_rest_edges() const {
     const Vec* const rest = vectors(block.rest);
+    Vec* const edge = vectors(workspace.edge);
+    for (int i = 2; i < block.vertices; ++i) edge[i] = rotate(row_x, row_y, row_z, rest[i] - rest[i - 1]);
+  }
+  STRANDBAKE_INLINE void local_shape_rest() const {
+    sweep(RestShape{*this, vectors(workspace.edge), Real(region.half_local_stiffness)});
+  }
+
+  STRANDBAKE_INLINE void local_shape() const {
+    const int iterations = region.local_iterations;
+    int done = 0;
+    switch (region.local_method) {
+      case 1:
+        for (; iterations - done >= 2 && block.vertices >= 5; done += 2) local_shape_exact_twice();
+        for (; done < iterations; ++done) local_shape_exact();
+        break;
+      case 2:
+        for (; done < iterations; ++done) local_shape_lagged();
+        break;
+      default:
+        turn_rest_edges();
+        for (; done < iterations; ++done) local_shape_rest();
+        break;
+    }
+  }
+
+  // In each batch first all errors, whose divisions and square roots then overlap, then all corrections.
+  STRANDBAKE_INLINE void edge_lengths() const {
+    const int n = block.vertices;
+    const Real* const length = reals(block.length);
+    Real* const error = reals(workspace.error);
     for (int batch = 2; batch <= 3; ++batch) {
-      for (int i = batch; i < block.vertices; i += 2) {
-        const Vec goal = rotate(row_x, row_y, row_z, rest[i] - rest[i - 1]);
-        const Vec d = (goal - (q[i] - q[i - 1])) * half;
-        part(q[i - 1], q[i], where_active(d, i), i);
+      for (int i = batch; i < n; i += 2) error[i] = relative_length_error(q[i] - q[i - 1], length[i]);
+      int i = batch;
+      if constexpr (!Masked) {
+        if (i == 2 && n > 2) {
+          q[2] = q[2] - (q[2] - q[1]) * error[2];
+          i = 4;
+        }
       }
-    }
-  }
-
-  STRANDBAKE_INLINE void edge_lengths() {
-    for (int batch = 2; batch <= 3; ++batch) {
-      for (int i = batch; i < block.vertices; i += 2) {
-        const Vec error = where_active(edge_length_error(q[i] - q[i - 1], reals(block.length)[i]), i);
-        const Real w0 = free(i - 1), w1 = free(i);
-        q[i - 1] = q[i - 1] + error * edge_share(w0, w1);
-        q[i] = q[i] - error * edge_share(w1, w0);
-      }
-    }
-  }
-
-  STRANDBAKE_INLINE void collide() {
-    for (int i = 2; i < block.vertices; ++i) {
-      Vec at = q[i];
-      for (int s = 0; s < now.sphere_count; ++s) {
-        const Scalar* sphere = now.spheres + 4 * s;
-        at = push_out_of_sphere(at, broadcast(sphere), Real(sphere[3]), free(i));
-      }
-      q[i] = at;
-    }
-  }
-
-  STRANDBAKE_INLINE void run(bool first) {
-    integrate_and_pull(Real(first ? region.keep_first : region.keep));
-    if (region.half_local_stiffness > 0) {
-      for (int iteration = 0; iteration < region.local_iterations; ++iteration) {
-        switch (region.local_method) {
-          case 1:
-            local_shape_exact();
-            break;
-          case 2:
-            local_shape_lagged();
-            break;
-          default:
-            local_shape_rest();
-            break;
+      for (; i < n; i += 2) {
+        const Vec edge = q[i] - q[i - 1];
+        if constexpr (Masked) {
+          const Real w0 = reals(block.free)[i - 1], w1 = reals(block.free)[i];
+          const Real active_error = error[i] * reals(block.active)[i];
+          q[i - 1] = q[i - 1] + edge * (active_error * edge_share(w0, w1));
+          q[i] = q[i] - edge * (active_error * edge_share(w1, w0));
+        } else {
+          const Vec share = edge * (error[i] * Real(Scalar(0.5)));
+          q[i - 1] = q[i - 1] + share;
+          q[i] = q[i] - share;
         }
       }
     }
+  }
+
+  static STRANDBAKE_INLINE Real smaller(Real a, Real b) { return select(a < b, a, b); }
+  static STRANDBAKE_INLINE Real larger(Real a, Real b) { return select(a > b, a, b); }
+  struct Box {
+    Vec low, high;
+    // NaN leaves the box as it is: it is never inside a sphere.
+    STRANDBAKE_INLINE void add(Vec v) {
+      low = {smaller(v.x, low.x), smaller(v.y, low.y), smaller(v.z, low.z)};
+      high = {larger(v.x, high.x), larger(v.y, high.y), larger(v.z, high.z)};
+    }
+  };
+  // Spheres act one after the other, each on all vertices. The box of what each lane's strand reaches tells which
+  // spheres can touch nothing.
+  STRANDBAKE_INLINE void collide() const {
+    const int n = block.vertices;
+    Box box = {q[n - 1], q[n - 1]};
+    if (workspace.skip_colliders) {
+      for (int i = 2; i < n - 1; ++i) box.add(q[i]);
+    }
+    workspace.work.spheres += now.sphere_count;
+    for (int s = 0; s < now.sphere_count; ++s) {
+      const Vec center = broadcast(now.spheres + 4 * s);
+      const Real radius(now.spheres[4 * s + 3]);
+      if (workspace.skip_colliders && !any(squared_distance_to_box(box.low, box.high, center) < radius * radius)) {
+        ++workspace.work.spheres_out_of_reach;
+        continue;
+      }
+      for (int i = 2; i < n; ++i) {
+        if (!any(squared_distance(q[i], center) < radius * radius)) continue;
+        q[i] = push_out_of_sphere(q[i], center, radius, Masked ? reals(block.free)[i] : Real(Scalar(1)));
+        box.add(q[i]);
+      }
+    }
+  }
+
+  STRANDBAKE_INLINE void run(bool first) const {
+    integrate_and_pull(Real(first ? region.keep_first : region.keep));
+    if (region.local_shape) local_shape();
     for (int iteration = 0; iteration < region.length_iterations; ++iteration) edge_lengths();
     if (now.sphere_count > 0) collide();
   }
 };
 
+// Are the first `vertices` vectors of both arrays the same bits? Asked of moving hair too, so it starts at the tip.
+template <class Vec>
+STRANDBAKE_INLINE bool same_bits(const Vec* a, const Vec* b, int vertices) {
+  for (int i = vertices - 1; i >= 0; --i) {
+    if (__builtin_memcmp(a + i, b + i, sizeof(Vec)) != 0) return false;
+  }
+  return true;
+}
+
 template <class Real, bool Masked>
-STRANDBAKE_INLINE void run_substeps(const Block<typename Real::Scalar>& block,
+STRANDBAKE_INLINE void run_substeps(Block<typename Real::Scalar>& block,
                                     const RegionStep<typename Real::Scalar>& region,
-                                    const Substep<typename Real::Scalar>* substeps, int substep_count) {
-  auto* p = reinterpret_cast<Vec3<Real>*>(block.position);
-  auto* q = reinterpret_cast<Vec3<Real>*>(block.previous);
+                                    const Substep<typename Real::Scalar>* substeps, int substep_count,
+                                    Workspace<typename Real::Scalar>& workspace) {
+  using Vec = Vec3<Real>;
+  using Step = BlockStep<Real, Masked>;
+  auto* p = Step::vectors(block.position);
+  auto* q = Step::vectors(block.previous);
+  const int n = block.vertices;
+  const bool has_frames = block.frame_x != nullptr;
+  Vec* const frame_x = Step::vectors(block.frame_x);
+  Vec* const frame_y = Step::vectors(block.frame_y);
+  if (block.rides) {
+    Step(block, region, substeps[substep_count - 1], workspace, p, q).ride();
+    return;
+  }
+  workspace.work.substeps += substep_count;
   for (int s = 0; s < substep_count; ++s) {
-    BlockStep<Real, Masked>(block, region, substeps[s], p, q).run(s == 0);
+    if (block.at_rest && substeps[s].repeats && (s > 0 || region.repeats)) {
+      ++workspace.work.substeps_at_rest;  // p and q are the same bits
+    } else {
+      // A substep that finds no velocity and leaves everything as it was is a fixed point.
+      bool rest = workspace.skip_resting && same_bits(p, q, n);
+      if (rest && has_frames) {
+        __builtin_memcpy(workspace.frame_x, frame_x, sizeof(Vec) * static_cast<unsigned long>(n));
+        __builtin_memcpy(workspace.frame_y, frame_y, sizeof(Vec) * static_cast<unsigned long>(n));
+      }
+      Step(block, region, substeps[s], workspace, p, q).run(s == 0);
+      rest = rest && same_bits(p, q, n);
+      if (rest && has_frames) {
+        rest = same_bits(frame_x, Step::vectors(workspace.frame_x), n) &&
+               same_bits(frame_y, Step::vectors(workspace.frame_y), n);
+      }
+      block.at_rest = rest;
+    }
     auto* const swapped = p;
     p = q;
     q = swapped;
@@ -218,12 +405,13 @@ STRANDBAKE_INLINE void run_substeps(const Block<typename Real::Scalar>& block,
 }
 
 template <class Real>
-void advance_block(const Block<typename Real::Scalar>& block, const RegionStep<typename Real::Scalar>& region,
-                   const Substep<typename Real::Scalar>* substeps, int substep_count) {
+void advance_block(Block<typename Real::Scalar>& block, const RegionStep<typename Real::Scalar>& region,
+                   const Substep<typename Real::Scalar>* substeps, int substep_count,
+                   Workspace<typename Real::Scalar>& workspace) {
   if (block.masked) {
-    run_substeps<Real, true>(block, region, substeps, substep_count);
+    run_substeps<Real, true>(block, region, substeps, substep_count, workspace);
   } else {
-    run_substeps<Real, false>(block, region, substeps, substep_count);
+    run_substeps<Real, false>(block, region, substeps, substep_count, workspace);
   }
 }
 

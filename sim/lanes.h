@@ -30,7 +30,24 @@ struct VectorOf<double, W> {
 
 template <class Scalar, int W>
 struct LaneMask {
-  typename VectorOf<Scalar, W>::Masks v;
+  using Masks = typename VectorOf<Scalar, W>::Masks;
+  Masks v;
+
+  // Does the comparison hold in any lane?
+  friend inline __attribute__((always_inline)) bool any(LaneMask m) {
+#if defined(__AVX512F__)
+    if constexpr (sizeof(Masks) == 64) return _mm512_test_epi32_mask((__m512i)m.v, (__m512i)m.v) != 0;
+#endif
+#if defined(__AVX__)
+    if constexpr (sizeof(Masks) == 32) return _mm256_movemask_ps((__m256)m.v) != 0;
+#endif
+#if defined(__SSE2__)
+    if constexpr (sizeof(Masks) == 16) return _mm_movemask_ps((__m128)m.v) != 0;
+#endif
+    bool found = false;
+    for (int lane = 0; lane < W; ++lane) found |= m.v[lane] != 0;
+    return found;
+  }
 };
 
 #define STRANDBAKE_LANE_FN friend inline __attribute__((always_inline))

@@ -1,10 +1,15 @@
+#include <omp.h>
+#include <sys/mman.h>
+
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <new>
 #include <numeric>
 #include <stdexcept>
 #include <string>
+#include <tuple>
+#include <utility>
 
 #include "sim/block.h"
 #include "sim/gusts.h"
@@ -18,7 +23,6 @@ namespace strandbake {
 namespace {
 
 constexpr double kReferenceStep = 1.0 / 60;  // h0 [s]
-constexpr std::size_t kAlignment = 64;       // of every row of lanes: a cache line, and the widest register
 
 std::vector<const LaneKernels*> available_kernels() {
   std::vector<const LaneKernels*> kernels = {&kLanesSse2};
@@ -40,17 +44,33 @@ const LaneKernels& choose_kernels(int lanes) {
   throw std::invalid_argument("this machine cannot run " + std::to_string(lanes) + " lanes");
 }
 
-struct AlignedDelete {
-  void operator()(void* p) const { ::operator delete (p, std::align_val_t{kAlignment}); }
+// Zeroed memory that costs nothing until it is touched, in large pages where the system has them.
+template <class Scalar>
+class StateArray {
+ public:
+  StateArray() = default;
+  explicit StateArray(std::size_t count) : bytes_(count * sizeof(Scalar)) {
+    if (bytes_ == 0) return;
+    constexpr int kRead = PROT_READ | PROT_WRITE, kPrivate = MAP_PRIVATE | MAP_ANONYMOUS;
+    memory_ = ::mmap(nullptr, bytes_, kRead, kPrivate, -1, 0);
+    if (memory_ == MAP_FAILED) throw std::bad_alloc();
+    ::madvise(memory_, bytes_, MADV_HUGEPAGE);
+  }
+  StateArray(StateArray&& other) noexcept { *this = std::move(other); }
+  StateArray& operator=(StateArray&& other) noexcept {
+    std::swap(memory_, other.memory_);
+    std::swap(bytes_, other.bytes_);
+    return *this;
+  }
+  ~StateArray() {
+    if (bytes_ != 0) ::munmap(memory_, bytes_);
+  }
+  Scalar* data() const { return static_cast<Scalar*>(memory_); }
+
+ private:
+  void* memory_ = nullptr;
+  std::size_t bytes_ = 0;
 };
-template <class Scalar>
-using AlignedArray = std::unique_ptr<Scalar[], AlignedDelete>;
-template <class Scalar>
-AlignedArray<Scalar> make_aligned(std::size_t count) {
-  auto* p = static_cast<Scalar*>(::operator new (count * sizeof(Scalar), std::align_val_t{kAlignment}));
-  std::memset(p, 0, count * sizeof(Scalar));
-  return AlignedArray<Scalar>(p);
-}
 
 template <class Scalar>
 Vec3<Scalar> to_vec3(const Eigen::Vector3d& v) {
@@ -102,75 +122,74 @@ Frame<Scalar> rest_root_frame(std::span<const Vec3<Scalar>> rest) {
   return {x, across * (1 / square_root(inner(across, across)))};
 }
 
-template <class Scalar>
-class OpenMPSolver final : public Solver {
- public:
-  OpenMPSolver(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head, const SolverOptions& options);
-
-  void advance(const FrameInput& input) override;
-  void read(std::span<Eigen::Vector3f> out) const override { read_as(out); }
-  void read(std::span<Eigen::Vector3d> out) const override { read_as(out); }
-  std::optional<NonFinite> find_non_finite() const override;
-  std::size_t state_bytes() const override { return state_count_ * sizeof(Scalar); }
-
- private:
-  struct Placed {  // a block and the strands in its lanes
-    Block<Scalar> block;
-    std::uint32_t region;
-    std::size_t first;  // of `count` entries in strand_order_
-    int count;
-  };
-
-  void arrange(const Groom& groom, const Plan& plan);
-  void fill(const Groom& groom, const Plan& plan, const HeadTransform<Scalar>& head, const Placed& placed);
-  void check_against_plan(const FrameInput& input) const;
-  RegionStep<Scalar> region_step(const RegionParams& params, const FrameInput& input) const;
-  template <class Out>
-  void read_as(std::span<Out> out) const;
-
-  Scalar* vector_row(Scalar* array, std::size_t vertex, int lane) const { return array + vertex * 3 * width_ + lane; }
-  void store(Scalar* array, std::size_t vertex, int lane, Vec3<Scalar> v) const {
-    Scalar* row = vector_row(array, vertex, lane);
-    row[0] = v.x;
-    row[width_] = v.y;
-    row[2 * width_] = v.z;
-  }
-
-  Plan plan_;
-  int width_;
-  int threads_;
-  AdvanceBlock<Scalar> advance_block_;
-  std::vector<std::uint64_t> offset_;
-  std::vector<std::uint32_t> strand_order_;
-  std::vector<Placed> blocks_;
-  AlignedArray<Scalar> state_;
-  std::size_t state_count_ = 0;
-  bool swapped_ = false;       // the newest positions stand in Block::previous
-  double substep_before_ = 0;  // [s], 0 before the first frame
-};
-
-template <class Scalar>
-OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head,
-                                   const SolverOptions& options)
-    : plan_(plan), threads_(options.threads), offset_(groom.offset) {
-  const LaneKernels& kernels = choose_kernels(options.lanes);
-  if constexpr (sizeof(Scalar) == 4) {
-    width_ = kernels.width_float;
-    advance_block_ = kernels.advance_float;
-  } else {
-    width_ = kernels.width_double;
-    advance_block_ = kernels.advance_double;
-  }
-  arrange(groom, plan);
-  const HeadTransform<Scalar> start(head);
-  const auto block_count = static_cast<std::ptrdiff_t>(blocks_.size());
-#pragma omp parallel for num_threads(threads_) schedule(dynamic, 8)
-  for (std::ptrdiff_t b = 0; b < block_count; ++b) fill(groom, plan, start, blocks_[static_cast<std::size_t>(b)]);
+// Spreads the low ten bits of v over every third bit.
+std::uint32_t spread_bits(std::uint32_t v) {
+  v = (v | (v << 16)) & 0x030000ff;
+  v = (v | (v << 8)) & 0x0300f00f;
+  v = (v | (v << 4)) & 0x030c30c3;
+  return (v | (v << 2)) & 0x09249249;
 }
 
-// Sorts strands into blocks of one region and nearly one length, and lays out the memory that the plan asks for.
+// For each strand its root's place on a curve that keeps neighbours together (Morton's), so that the strands of a block
+// are near each other and meet the same colliders.
+std::vector<std::uint32_t> order_in_space(const Groom& groom) {
+  const std::size_t strands = groom.strand_count();
+  Eigen::AlignedBox3d box;
+  for (std::size_t s = 0; s < strands; ++s) box.extend(groom.position[groom.offset[s]]);
+  std::vector<std::uint32_t> place(strands, 0);
+  for (std::size_t s = 0; s < strands; ++s) {
+    const Eigen::Vector3d from_corner = groom.position[groom.offset[s]] - box.min();
+    for (int axis = 0; axis < 3; ++axis) {
+      const double size = box.sizes()[axis];
+      const double share = size > 0 ? from_corner[axis] / size : 0;
+      if (share > 0) place[s] |= spread_bits(static_cast<std::uint32_t>(std::min(share, 1.0) * 1023)) << axis;
+    }
+  }
+  return place;
+}
+
 template <class Scalar>
-void OpenMPSolver<Scalar>::arrange(const Groom& groom, const Plan& plan) {
+struct Placed {  // a block and the strands in its lanes
+  Block<Scalar> block;
+  std::uint32_t region;
+  std::size_t first;  // of `count` entries in Layout::strand_order
+  int count;
+};
+
+// Which strands share a block, and the memory that the plan asks for.
+template <class Scalar>
+struct Layout {
+  int width;
+  std::vector<std::uint32_t> strand_order;
+  std::vector<Placed<Scalar>> blocks;
+  std::size_t longest = 0;  // vertices of the longest strand
+
+  Layout(const Groom& groom, const Plan& plan, const SolverOptions& options);
+
+  // Hands out memory from `base` on; returns how many numbers that takes. nullptr: only counts.
+  std::size_t lay_out(const Plan& plan, Scalar* base);
+};
+
+// How far along a strand each vertex is, and the whole length [m].
+struct ArcLength {
+  std::vector<double> at;
+  double total = 0;
+
+  void measure(const Groom& groom, std::size_t strand) {
+    const std::uint64_t begin = groom.offset[strand];
+    at.assign(groom.vertex_count(strand), 0);
+    for (std::size_t i = 1; i < at.size(); ++i) {
+      at[i] = at[i - 1] + (groom.position[begin + i] - groom.position[begin + i - 1]).norm();
+    }
+    total = at.back();
+  }
+};
+
+// Sorts strands into blocks of one region and nearly one length.
+template <class Scalar>
+Layout<Scalar>::Layout(const Groom& groom, const Plan& plan, const SolverOptions& options) {
+  const LaneKernels& kernels = choose_kernels(options.lanes);
+  width = sizeof(Scalar) == 4 ? kernels.width_float : kernels.width_double;
   const std::size_t strands = groom.strand_count();
   const auto region_of = [&](std::size_t strand) { return groom.region.empty() ? 0u : groom.region[strand]; };
   std::vector<std::uint8_t> extra_pins(strands, 0);
@@ -181,99 +200,218 @@ void OpenMPSolver<Scalar>::arrange(const Groom& groom, const Plan& plan) {
     if (region_of(s) >= plan.regions.size()) {
       throw std::invalid_argument("strand " + std::to_string(s) + " names a region that the plan does not have");
     }
+    longest = std::max(longest, groom.vertex_count(s));
+    if (!plan.regions[region_of(s)].simulated) {
+      extra_pins[s] = options.skip.regions ? 0 : 1;
+      continue;
+    }
     for (std::uint64_t v = groom.offset[s] + 2; !groom.pinned.empty() && v < groom.offset[s + 1]; ++v) {
       if (groom.pinned[v]) extra_pins[s] = 1;
     }
   }
-  strand_order_.resize(strands);
-  std::iota(strand_order_.begin(), strand_order_.end(), 0u);
-  const auto key = [&](std::uint32_t s) { return std::tuple(region_of(s), extra_pins[s], groom.vertex_count(s), s); };
-  std::sort(strand_order_.begin(), strand_order_.end(),
+  strand_order.resize(strands);
+  std::iota(strand_order.begin(), strand_order.end(), 0u);
+  const std::vector<std::uint32_t> place = order_in_space(groom);
+  const auto key = [&](std::uint32_t s) {
+    return std::tuple(region_of(s), extra_pins[s], groom.vertex_count(s), place[s], s);
+  };
+  std::sort(strand_order.begin(), strand_order.end(),
             [&](std::uint32_t a, std::uint32_t b) { return key(a) < key(b); });
 
-  const std::size_t w = static_cast<std::size_t>(width_);
+  const std::size_t w = static_cast<std::size_t>(width);
   for (std::size_t first = 0; first < strands;) {
-    const std::uint32_t region = region_of(strand_order_[first]);
-    const std::uint8_t pins = extra_pins[strand_order_[first]];
+    const std::uint32_t region = region_of(strand_order[first]);
+    const std::uint8_t pins = extra_pins[strand_order[first]];
     std::size_t end = first;
-    while (end < strands && end < first + w && region_of(strand_order_[end]) == region &&
-           extra_pins[strand_order_[end]] == pins) {
+    while (end < strands && end < first + w && region_of(strand_order[end]) == region &&
+           extra_pins[strand_order[end]] == pins) {
       ++end;
     }
-    const std::size_t shortest = groom.vertex_count(strand_order_[first]);
-    const std::size_t n = groom.vertex_count(strand_order_[end - 1]);
-    Placed placed{};
+    const std::size_t shortest = groom.vertex_count(strand_order[first]);
+    const std::size_t n = groom.vertex_count(strand_order[end - 1]);
+    Placed<Scalar> placed{};
     placed.region = region;
     placed.first = first;
     placed.count = static_cast<int>(end - first);
     placed.block.vertices = static_cast<int>(n);
-    placed.block.masked = pins != 0 || shortest != n;
-    if (plan.regions[region].global_shape) {
-      // The longest reach of any lane, by arc length.
-      for (int lane = 0; lane < placed.count; ++lane) {
-        const std::size_t s = strand_order_[placed.first + static_cast<std::size_t>(lane)];
-        double total = 0;
-        for (std::uint64_t v = groom.offset[s] + 1; v < groom.offset[s + 1]; ++v) {
-          total += (groom.position[v] - groom.position[v - 1]).norm();
-        }
-        double along = 0;
-        for (std::uint64_t v = groom.offset[s] + 1; v < groom.offset[s + 1]; ++v) {
-          along += (groom.position[v] - groom.position[v - 1]).norm();
-          if (along <= plan.regions[region].global_range * total) {
-            placed.block.global_end = std::max(placed.block.global_end, static_cast<int>(v - groom.offset[s]) + 1);
-          }
-        }
-      }
-    }
-    blocks_.push_back(placed);
+    placed.block.rides = options.skip.regions && !plan.regions[region].simulated;
+    placed.block.masked = !placed.block.rides && (pins != 0 || shortest != n);
+    blocks.push_back(placed);
     first = end;
   }
-  // Once to count, once more when the memory is there.
-  const auto lay_out = [&](Scalar* base) {
-    std::size_t used = 0;
-    const auto take = [&](Scalar*& array, std::size_t count) {
-      array = base == nullptr || count == 0 ? nullptr : base + used;
-      used += count;
-    };
-    for (Placed& placed : blocks_) {
-      Block<Scalar>& b = placed.block;
-      const RegionPlan& region = plan.regions[placed.region];
-      const std::size_t n = static_cast<std::size_t>(b.vertices);
-      const bool frames = region.local_shape && region.local_method != 3;
-      const bool all_rest = b.masked || (region.local_shape && region.local_method == 3);
-      const std::size_t rest = all_rest ? n : std::max<std::size_t>(2, static_cast<std::size_t>(b.global_end));
-      take(b.position, 3 * n * w);
-      take(b.previous, 3 * n * w);
-      take(b.rest, 3 * rest * w);
-      take(b.root_frame, frames ? 6 * w : 0);
-      take(b.local_edge, frames ? 3 * n * w : 0);
-      take(b.remainder, frames ? 3 * n * w : 0);
-      take(b.frame_x, frames && region.local_method == 2 ? 3 * n * w : 0);
-      take(b.frame_y, frames && region.local_method == 2 ? 3 * n * w : 0);
-      take(b.length, region.edge_lengths ? n * w : 0);
-      take(b.fade, static_cast<std::size_t>(b.global_end) * w);
-      take(b.free, b.masked ? n * w : 0);
-      take(b.active, b.masked ? n * w : 0);
-      take(b.wind_weight, region.wind ? 4 * w : 0);
+  // The range of the global shape: the longest reach of any lane.
+  const auto block_count = static_cast<std::ptrdiff_t>(blocks.size());
+#pragma omp parallel for num_threads(options.threads) schedule(dynamic, 64)
+  for (std::ptrdiff_t b = 0; b < block_count; ++b) {
+    Placed<Scalar>& placed = blocks[static_cast<std::size_t>(b)];
+    const RegionPlan& region = plan.regions[placed.region];
+    if (!region.global_shape || placed.block.rides) continue;
+    placed.block.global_end = options.skip.range ? 0 : placed.block.vertices;
+    ArcLength arc;
+    for (int lane = 0; lane < placed.count && options.skip.range; ++lane) {
+      arc.measure(groom, strand_order[placed.first + static_cast<std::size_t>(lane)]);
+      for (std::size_t i = arc.at.size() - 1; i >= 1; --i) {
+        if (arc.at[i] > region.global_range * arc.total) continue;
+        placed.block.global_end = std::max(placed.block.global_end, static_cast<int>(i) + 1);
+        break;
+      }
     }
-    return used;
+  }
+}
+
+template <class Scalar>
+std::size_t Layout<Scalar>::lay_out(const Plan& plan, Scalar* base) {
+  const std::size_t w = static_cast<std::size_t>(width);
+  std::size_t used = 0;
+  const auto take = [&](Scalar*& array, std::size_t count) {
+    array = base == nullptr || count == 0 ? nullptr : base + used;
+    used += count;
   };
-  state_count_ = lay_out(nullptr);
-  state_ = make_aligned<Scalar>(state_count_);
-  lay_out(state_.get());
+  for (Placed<Scalar>& placed : blocks) {
+    Block<Scalar>& b = placed.block;
+    const RegionPlan& region = plan.regions[placed.region];
+    const std::size_t n = static_cast<std::size_t>(b.vertices);
+    take(b.position, 3 * n * w);
+    if (b.rides) {
+      b.previous = b.position;
+      take(b.rest, 3 * n * w);
+      b.rest_vertices = b.vertices;
+      continue;
+    }
+    take(b.previous, 3 * n * w);
+    const bool frames = region.local_shape && region.local_method != 3;
+    const bool all_rest = b.masked || (region.local_shape && region.local_method == 3);
+    b.rest_vertices = all_rest ? b.vertices : std::max(2, b.global_end);
+    take(b.rest, 3 * static_cast<std::size_t>(b.rest_vertices) * w);
+    take(b.root_frame, frames ? 6 * w : 0);
+    take(b.local_edge, frames ? 3 * n * w : 0);
+    take(b.remainder, frames ? 3 * n * w : 0);
+    take(b.frame_x, frames && region.local_method == 2 ? 3 * n * w : 0);
+    take(b.frame_y, frames && region.local_method == 2 ? 3 * n * w : 0);
+    take(b.length, region.edge_lengths ? n * w : 0);
+    take(b.fade, static_cast<std::size_t>(b.global_end) * w);
+    take(b.free, b.masked ? n * w : 0);
+    take(b.active, b.masked ? n * w : 0);
+    take(b.wind_weight, region.wind ? 4 * w : 0);
+  }
+  return used;
+}
+
+void move_count(WorkCount& from, WorkCount& to) {
+  to.substeps += from.substeps;
+  to.substeps_at_rest += from.substeps_at_rest;
+  to.spheres += from.spheres;
+  to.spheres_out_of_reach += from.spheres_out_of_reach;
+  from = {};
+}
+
+// What hair without velocity can tell apart.
+template <class Scalar>
+bool asks_the_same(const RegionStep<Scalar>& a, const RegionStep<Scalar>& b) {
+  return std::equal(std::begin(a.gravity_h2), std::end(a.gravity_h2), b.gravity_h2) && a.drag_h2 == b.drag_h2 &&
+         a.global_stiffness == b.global_stiffness && a.step_ratio2 == b.step_ratio2 &&
+         a.half_local_stiffness == b.half_local_stiffness && a.local_iterations == b.local_iterations &&
+         a.local_method == b.local_method && a.length_iterations == b.length_iterations;
+}
+
+template <class Scalar>
+class OpenMPSolver final : public Solver {
+ public:
+  OpenMPSolver(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head, const SolverOptions& options);
+
+  void advance(const FrameInput& input) override;
+  void read(std::span<Eigen::Vector3f> out) const override { read_as(out); }
+  void read(std::span<Eigen::Vector3d> out) const override { read_as(out); }
+  std::optional<NonFinite> find_non_finite() const override;
+  std::size_t state_bytes() const override { return state_count_ * sizeof(Scalar); }
+  WorkCount work() const override { return work_; }
+
+ private:
+  void fill(const Groom& groom, const HeadTransform<Scalar>& head, const Placed<Scalar>& placed) const;
+  void check_against_plan(const FrameInput& input) const;
+  RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& plan, const FrameInput& input) const;
+  void mark_repeats(std::vector<RegionStep<Scalar>>& regions, std::vector<Substep<Scalar>>& substeps);
+  template <class Out>
+  void read_as(std::span<Out> out) const;
+
+  Scalar* vector_row(Scalar* array, std::size_t vertex, int lane) const {
+    return array + vertex * 3 * static_cast<std::size_t>(layout_.width) + lane;
+  }
+  void store(Scalar* array, std::size_t vertex, int lane, Vec3<Scalar> v) const {
+    Scalar* row = vector_row(array, vertex, lane);
+    row[0] = v.x;
+    row[layout_.width] = v.y;
+    row[2 * layout_.width] = v.z;
+  }
+  void store(Scalar* array, std::size_t vertex, int lane, Scalar v) const {
+    array[vertex * static_cast<std::size_t>(layout_.width) + static_cast<std::size_t>(lane)] = v;
+  }
+
+  Plan plan_;
+  SolverOptions options_;
+  AdvanceBlock<Scalar> advance_block_;
+  std::vector<std::uint64_t> offset_;
+  Layout<Scalar> layout_;
+  std::size_t state_count_ = 0;
+  StateArray<Scalar> state_;
+  StateArray<Scalar> scratch_;                // of all threads
+  std::vector<Workspace<Scalar>> workspace_;  // [threads]
+  WorkCount work_;
+  bool swapped_ = false;       // the newest positions stand in Block::previous
+  double substep_before_ = 0;  // [s], 0 before the first frame
+  // The last substep of the frame before and the regions in it: what they repeat, hair at rest need not go through.
+  std::vector<RegionStep<Scalar>> regions_before_;
+  Substep<Scalar> last_before_{};
+  std::vector<Scalar> spheres_before_;
+};
+
+template <class Scalar>
+OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head,
+                                   const SolverOptions& options)
+    : plan_(plan), options_(options), offset_(groom.offset), layout_(groom, plan, options) {
+  const LaneKernels& kernels = choose_kernels(options.lanes);
+  if constexpr (sizeof(Scalar) == 4) {
+    advance_block_ = kernels.advance_float;
+  } else {
+    advance_block_ = kernels.advance_double;
+  }
+  state_count_ = layout_.lay_out(plan, nullptr);
+  state_ = StateArray<Scalar>(state_count_);
+  layout_.lay_out(plan, state_.data());
+  const HeadTransform<Scalar> start(head);
+  const auto block_count = static_cast<std::ptrdiff_t>(layout_.blocks.size());
+#pragma omp parallel for num_threads(options.threads) schedule(dynamic, 8)
+  for (std::ptrdiff_t b = 0; b < block_count; ++b) fill(groom, start, layout_.blocks[static_cast<std::size_t>(b)]);
+
+  // A page or more apart, so that threads share no cache line.
+  const std::size_t row = layout_.longest * static_cast<std::size_t>(layout_.width);
+  const std::size_t per_thread = (10 * row + 1023) / 1024 * 1024;
+  const auto threads = static_cast<std::size_t>(options.threads);
+  scratch_ = StateArray<Scalar>(threads * per_thread);
+  workspace_.resize(threads);
+  for (std::size_t t = 0; t < threads; ++t) {
+    Scalar* const base = scratch_.data() + t * per_thread;
+    workspace_[t].error = base;
+    workspace_[t].edge = base + row;
+    workspace_[t].frame_x = base + 4 * row;
+    workspace_[t].frame_y = base + 7 * row;
+    workspace_[t].skip_resting = options.skip.resting;
+    workspace_[t].skip_colliders = options.skip.colliders;
+  }
 }
 
 // Rest state of the strands of one block, in the solver's own arithmetic.
 template <class Scalar>
-void OpenMPSolver<Scalar>::fill(const Groom& groom, const Plan& plan, const HeadTransform<Scalar>& head,
-                                const Placed& placed) {
+void OpenMPSolver<Scalar>::fill(const Groom& groom, const HeadTransform<Scalar>& head,
+                                const Placed<Scalar>& placed) const {
   const Block<Scalar>& b = placed.block;
-  const RegionPlan& region = plan.regions[placed.region];
+  const RegionPlan& region = plan_.regions[placed.region];
   const std::size_t n = static_cast<std::size_t>(b.vertices);
   std::vector<Vec3<Scalar>> rest;
-  for (int lane = 0; lane < width_; ++lane) {
+  ArcLength arc;
+  for (int lane = 0; lane < layout_.width; ++lane) {
     // Lanes without a strand repeat the first.
-    const std::size_t s = strand_order_[placed.first + static_cast<std::size_t>(lane < placed.count ? lane : 0)];
+    const std::size_t s = layout_.strand_order[placed.first + static_cast<std::size_t>(lane < placed.count ? lane : 0)];
     const std::size_t own = groom.vertex_count(s);
     rest.resize(own);
     for (std::size_t i = 0; i < own; ++i) rest[i] = to_vec3<Scalar>(groom.position[groom.offset[s] + i]);
@@ -284,12 +422,8 @@ void OpenMPSolver<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
       store(b.position, i, lane, start);
       store(b.previous, i, lane, start);
     }
-    const bool frames = b.local_edge != nullptr;
-    const std::size_t rest_count = b.masked || (region.local_shape && !frames)
-                                       ? n
-                                       : std::max<std::size_t>(2, static_cast<std::size_t>(b.global_end));
-    for (std::size_t i = 0; i < rest_count; ++i) store(b.rest, i, lane, rest_at(i));
-    if (frames) {
+    for (std::size_t i = 0; i < static_cast<std::size_t>(b.rest_vertices); ++i) store(b.rest, i, lane, rest_at(i));
+    if (b.local_edge != nullptr) {
       Frame<Scalar> frame = rest_root_frame<Scalar>(rest);
       store(b.root_frame, 0, lane, frame.x);
       store(b.root_frame, 1, lane, frame.y);
@@ -310,44 +444,36 @@ void OpenMPSolver<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
     if (b.length != nullptr) {
       for (std::size_t i = 1; i < own; ++i) {
         const Vec3<Scalar> edge = rest[i] - rest[i - 1];
-        b.length[i * static_cast<std::size_t>(width_) + static_cast<std::size_t>(lane)] =
-            square_root(inner(edge, edge));
+        store(b.length, i, lane, square_root(inner(edge, edge)));
       }
     }
     if (b.fade != nullptr) {
-      double total = 0;
-      for (std::size_t i = 1; i < own; ++i) {
-        total += (groom.position[groom.offset[s] + i] - groom.position[groom.offset[s] + i - 1]).norm();
-      }
-      double along = 0;
+      arc.measure(groom, s);
       for (std::size_t i = 1; i < std::min(own, static_cast<std::size_t>(b.global_end)); ++i) {
-        along += (groom.position[groom.offset[s] + i] - groom.position[groom.offset[s] + i - 1]).norm();
-        const double share = total > 0 ? along / total : 0;
-        const double weight =
-            along <= region.global_range * total ? 1 - region.global_fade * share / region.global_range : 0;
-        b.fade[i * static_cast<std::size_t>(width_) + static_cast<std::size_t>(lane)] = static_cast<Scalar>(weight);
+        const double share = arc.total > 0 ? arc.at[i] / arc.total : 0;
+        const bool reached = arc.at[i] <= region.global_range * arc.total;
+        const double weight = reached ? 1 - region.global_fade * share / region.global_range : 0;
+        store(b.fade, i, lane, static_cast<Scalar>(weight));
       }
     }
     if (b.masked) {
       for (std::size_t i = 0; i < n; ++i) {
-        const bool pinned = i < 2 || i >= own || (!groom.pinned.empty() && groom.pinned[groom.offset[s] + i] != 0);
-        const std::size_t at = i * static_cast<std::size_t>(width_) + static_cast<std::size_t>(lane);
-        b.free[at] = static_cast<Scalar>(pinned ? 0 : 1);
-        b.active[at] = static_cast<Scalar>(i < own ? 1 : 0);
+        const bool pinned =
+            i < 2 || i >= own || !region.simulated || (!groom.pinned.empty() && groom.pinned[groom.offset[s] + i] != 0);
+        store(b.free, i, lane, static_cast<Scalar>(pinned ? 0 : 1));
+        store(b.active, i, lane, static_cast<Scalar>(i < own ? 1 : 0));
       }
     }
     if (b.wind_weight != nullptr) {
       const auto weight = wind_weights(s);
-      for (std::size_t j = 0; j < weight.size(); ++j) {
-        b.wind_weight[j * static_cast<std::size_t>(width_) + static_cast<std::size_t>(lane)] =
-            static_cast<Scalar>(weight[j]);
-      }
+      for (std::size_t j = 0; j < weight.size(); ++j) store(b.wind_weight, j, lane, static_cast<Scalar>(weight[j]));
     }
   }
 }
 
 template <class Scalar>
-RegionStep<Scalar> OpenMPSolver<Scalar>::region_step(const RegionParams& params, const FrameInput& input) const {
+RegionStep<Scalar> OpenMPSolver<Scalar>::region_step(const RegionParams& params, const RegionPlan& plan,
+                                                     const FrameInput& input) const {
   const double h = input.substep;
   RegionStep<Scalar> step{};
   // Rounded to float in both precisions: libraries differ in the last bits of pow, floats of it agree.
@@ -360,6 +486,10 @@ RegionStep<Scalar> OpenMPSolver<Scalar>::region_step(const RegionParams& params,
   step.step_ratio2 = static_cast<Scalar>(ratio2);
   step.global_stiffness = static_cast<Scalar>(params.global.stiffness);
   step.half_local_stiffness = static_cast<Scalar>(0.5 * stiffness_at_step(params.local.stiffness, ratio2));
+  const auto runs = [&](bool planned, Scalar amount) { return planned && (amount > 0 || !options_.skip.passes); };
+  step.wind = runs(plan.wind, step.drag_h2);
+  step.global_shape = runs(plan.global_shape, step.global_stiffness);
+  step.local_shape = runs(plan.local_shape, step.half_local_stiffness);
   step.local_iterations = params.local.iterations;
   step.local_method = params.local.method;
   step.length_iterations = params.lengths.iterations;
@@ -384,11 +514,37 @@ void OpenMPSolver<Scalar>::check_against_plan(const FrameInput& input) const {
   if (!fits) throw std::invalid_argument("the input of a frame asks for more than the plan has");
 }
 
+// Which substeps and regions ask for just what was asked before.
+template <class Scalar>
+void OpenMPSolver<Scalar>::mark_repeats(std::vector<RegionStep<Scalar>>& regions,
+                                        std::vector<Substep<Scalar>>& substeps) {
+  const auto same = [](const Substep<Scalar>& a, const Substep<Scalar>& b) {
+    return std::equal(std::begin(a.rotation), std::end(a.rotation), b.rotation) &&
+           std::equal(std::begin(a.translation), std::end(a.translation), b.translation) &&
+           std::equal(std::begin(a.wind), std::end(a.wind), b.wind) && a.sphere_count == b.sphere_count &&
+           std::equal(a.spheres, a.spheres + 4 * a.sphere_count, b.spheres);
+  };
+  const bool is_first = regions_before_.empty();
+  const Substep<Scalar>* before = is_first ? nullptr : &last_before_;
+  for (Substep<Scalar>& substep : substeps) {
+    substep.repeats = before != nullptr && same(substep, *before);
+    before = &substep;
+  }
+  for (std::size_t r = 0; r < regions.size(); ++r) {
+    regions[r].repeats = !is_first && asks_the_same(regions[r], regions_before_[r]);
+  }
+  regions_before_ = regions;
+  last_before_ = substeps.back();
+  spheres_before_.assign(last_before_.spheres, last_before_.spheres + 4 * last_before_.sphere_count);
+  last_before_.spheres = spheres_before_.data();
+}
+
 template <class Scalar>
 void OpenMPSolver<Scalar>::advance(const FrameInput& input) {
   check_against_plan(input);
   std::vector<RegionStep<Scalar>> regions;
-  for (const RegionParams& params : input.regions) regions.push_back(region_step(params, input));
+  for (const RegionParams& params : input.regions)
+    regions.push_back(region_step(params, plan_.regions[regions.size()], input));
 
   const std::size_t count = input.substeps();
   std::vector<Substep<Scalar>> substeps(count);
@@ -414,33 +570,39 @@ void OpenMPSolver<Scalar>::advance(const FrameInput& input) {
     sphere_at += 4 * static_cast<std::size_t>(substeps[s].sphere_count);
   }
 
-  const auto block_count = static_cast<std::ptrdiff_t>(blocks_.size());
-#pragma omp parallel for num_threads(threads_) schedule(dynamic, 8)
+  mark_repeats(regions, substeps);
+
+  const auto block_count = static_cast<std::ptrdiff_t>(layout_.blocks.size());
+#pragma omp parallel for num_threads(options_.threads) schedule(dynamic, 8)
   for (std::ptrdiff_t b = 0; b < block_count; ++b) {
-    const Placed& placed = blocks_[static_cast<std::size_t>(b)];
+    Placed<Scalar>& placed = layout_.blocks[static_cast<std::size_t>(b)];
     Block<Scalar> block = placed.block;
     if (swapped_) std::swap(block.position, block.previous);
-    advance_block_(block, regions[placed.region], substeps.data(), static_cast<int>(count));
+    advance_block_(block, regions[placed.region], substeps.data(), static_cast<int>(count),
+                   workspace_[static_cast<std::size_t>(omp_get_thread_num())]);
+    placed.block.at_rest = block.at_rest;
   }
   if (count % 2 == 1) swapped_ = !swapped_;
   substep_before_ = input.substep;
+  for (Workspace<Scalar>& workspace : workspace_) move_count(workspace.work, work_);
 }
 
 template <class Scalar>
 template <class Out>
 void OpenMPSolver<Scalar>::read_as(std::span<Out> out) const {
-  const auto block_count = static_cast<std::ptrdiff_t>(blocks_.size());
-#pragma omp parallel for num_threads(threads_) schedule(static)
+  const auto block_count = static_cast<std::ptrdiff_t>(layout_.blocks.size());
+#pragma omp parallel for num_threads(options_.threads) schedule(static)
   for (std::ptrdiff_t b = 0; b < block_count; ++b) {
-    const Placed& placed = blocks_[static_cast<std::size_t>(b)];
+    const Placed<Scalar>& placed = layout_.blocks[static_cast<std::size_t>(b)];
     Scalar* const newest = swapped_ ? placed.block.previous : placed.block.position;
     for (int lane = 0; lane < placed.count; ++lane) {
-      const std::size_t strand = strand_order_[placed.first + static_cast<std::size_t>(lane)];
+      const std::size_t strand = layout_.strand_order[placed.first + static_cast<std::size_t>(lane)];
       for (std::uint64_t v = offset_[strand]; v < offset_[strand + 1]; ++v) {
         const Scalar* row = vector_row(newest, v - offset_[strand], lane);
         using Component = typename Out::Scalar;
-        out[v] = Out(static_cast<Component>(row[0]), static_cast<Component>(row[width_]),
-                     static_cast<Component>(row[2 * width_]));
+        // Adding 0 makes -0 to 0: which of them it is may depend on what was skipped, and nothing else does.
+        out[v] = Out(static_cast<Component>(row[0]) + 0, static_cast<Component>(row[layout_.width]) + 0,
+                     static_cast<Component>(row[2 * layout_.width]) + 0);
       }
     }
   }
@@ -449,10 +611,10 @@ void OpenMPSolver<Scalar>::read_as(std::span<Out> out) const {
 template <class Scalar>
 std::optional<NonFinite> OpenMPSolver<Scalar>::find_non_finite() const {
   std::optional<NonFinite> found;
-  for (const Placed& placed : blocks_) {
+  for (const Placed<Scalar>& placed : layout_.blocks) {
     Scalar* const newest = swapped_ ? placed.block.previous : placed.block.position;
     for (int lane = 0; lane < placed.count; ++lane) {
-      const std::size_t strand = strand_order_[placed.first + static_cast<std::size_t>(lane)];
+      const std::size_t strand = layout_.strand_order[placed.first + static_cast<std::size_t>(lane)];
       if (found && found->strand < strand) continue;
       // Free vertices first: a bad one spoils the pinned ones beside it.
       const std::size_t count = offset_[strand + 1] - offset_[strand];
@@ -460,7 +622,7 @@ std::optional<NonFinite> OpenMPSolver<Scalar>::find_non_finite() const {
         const std::size_t i = (k + 2) % count;
         const Scalar* row = vector_row(newest, i, lane);
         // The sum of three numbers is not finite if one of them is not.
-        if (!std::isfinite(row[0] + row[width_] + row[2 * width_])) {
+        if (!std::isfinite(row[0] + row[layout_.width] + row[2 * layout_.width])) {
           found = NonFinite{strand, i};
           break;
         }
@@ -482,6 +644,13 @@ std::unique_ptr<Solver> make_openmp_solver(const Groom& groom, const Plan& plan,
                                            const SolverOptions& options) {
   if (options.precision == Precision::Double) return std::make_unique<OpenMPSolver<double>>(groom, plan, head, options);
   return std::make_unique<OpenMPSolver<float>>(groom, plan, head, options);
+}
+
+std::size_t openmp_state_bytes(const Groom& groom, const Plan& plan, const SolverOptions& options) {
+  if (options.precision == Precision::Double) {
+    return Layout<double>(groom, plan, options).lay_out(plan, nullptr) * sizeof(double);
+  }
+  return Layout<float>(groom, plan, options).lay_out(plan, nullptr) * sizeof(float);
 }
 
 }  // namespace strandbake

@@ -2,15 +2,16 @@
 
 namespace strandbake {
 
-RegionPlan plan_region(std::span<const RegionParams> over_time, bool windy) {
+RegionPlan plan_region(std::span<const RegionParams> over_time, bool windy, bool skip_idle) {
   const RegionParams& first = over_time.front();
   RegionPlan plan;
+  plan.simulated = first.simulate;
   plan.local_method = first.local.method;
   plan.edge_lengths = first.lengths.iterations > 0;
   for (const RegionParams& params : over_time) {
-    plan.wind |= windy && params.drag > 0;
-    plan.global_shape |= params.global.stiffness > 0 && first.global.range > 0;
-    plan.local_shape |= params.local.stiffness > 0 && first.local.iterations > 0;
+    plan.wind |= (windy && params.drag > 0) || !skip_idle;
+    plan.global_shape |= (params.global.stiffness > 0 || !skip_idle) && first.global.range > 0;
+    plan.local_shape |= (params.local.stiffness > 0 || !skip_idle) && first.local.iterations > 0;
   }
   if (plan.global_shape) {
     plan.global_range = first.global.range;

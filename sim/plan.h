@@ -9,6 +9,7 @@
 namespace strandbake {
 
 struct RegionPlan {
+  bool simulated = true;  // else its hair rides on the head
   bool wind = false;
   bool global_shape = false;
   bool local_shape = false;
@@ -24,7 +25,7 @@ struct Plan {
 
 // Merges the parameters of a region over all frames of a bake. Range, fade, method and iterations do not move over
 // time, so they are taken from the first. `windy`: the wind is not zero in every frame. `over_time` holds at least one
-// entry.
-RegionPlan plan_region(std::span<const RegionParams> over_time, bool windy);
+// entry. `skip_idle` false plans for passes that do nothing, too (Skip::passes).
+RegionPlan plan_region(std::span<const RegionParams> over_time, bool windy, bool skip_idle = true);
 
 }  // namespace strandbake

@@ -10,6 +10,7 @@
 
 #include "sim/frame_input.h"
 #include "sim/groom.h"
+#include "sim/work_count.h"
 
 namespace strandbake {
 
@@ -35,16 +36,28 @@ class Solver {
 
   // Bytes that the solver holds between frames.
   virtual std::size_t state_bytes() const = 0;
+
+  virtual WorkCount work() const = 0;
 };
 
 struct Plan;
 
 enum class Precision { Float, Double };
 
+// What is left out because it cannot change a bit of the result; false runs it all the same, to test just that.
+struct Skip {
+  bool passes = true;     // whose stiffness or wind is zero in this frame; the plan knows those of every frame
+  bool range = true;      // the global shape beyond its range
+  bool colliders = true;  // out of reach of a block of strands
+  bool resting = true;    // strands that have come to a fixed point, as long as nothing about them changes
+  bool regions = true;    // that are not simulated: their hair just rides on the head
+};
+
 struct SolverOptions {
   Precision precision = Precision::Float;
   int threads = 1;  // >= 1; has no influence on the result
   int lanes = 0;    // floats in a vector: one of available_lanes(), or 0 for the widest; has no influence on the result
+  Skip skip = {};   // has no influence on the result
 };
 
 // Widths that this machine can run, narrowest first.
@@ -55,5 +68,8 @@ std::vector<int> available_lanes();
 // that the plan does not have, or the lanes are not available.
 std::unique_ptr<Solver> make_openmp_solver(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head,
                                            const SolverOptions& options);
+
+// What state_bytes() of that solver will be, without making it.
+std::size_t openmp_state_bytes(const Groom& groom, const Plan& plan, const SolverOptions& options);
 
 }  // namespace strandbake

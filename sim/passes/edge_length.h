@@ -14,11 +14,11 @@
 
 namespace strandbake {
 
-// C n for the vector `edge` from P0 to P1.
-STRAND_FN VEC3 edge_length_error(VEC3 edge, Real rest_length) {
+// C / |edge|, so that C n = edge times it.
+STRAND_FN Real relative_length_error(VEC3 edge, Real rest_length) {
   Real length2 = inner(edge, edge);
   Real length = SQRT(SELECT(length2 > POINT_LENGTH_SQUARED, length2, (Real)1.0f));
-  return edge * SELECT(length2 > POINT_LENGTH_SQUARED, (length - rest_length) / length, (Real)0.0f);
+  return SELECT(length2 > POINT_LENGTH_SQUARED, (length - rest_length) / length, (Real)0.0f);
 }
 
 // w / (w + other) for weights that are 0 or 1, and 0 where both are 0.

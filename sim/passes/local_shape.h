@@ -35,14 +35,13 @@ STRAND_FN FRAME turn_frame(FRAME f, VEC3 edge) {
   Real safe_k = SELECT(k > FOLDED_BACK * length, k, length);
   Real r = (Real)1.0f / (length * safe_k);
   VEC3 x = edge * (r * safe_k);
-  VEC3 y = f.y - (f.x * SELECT(k > FOLDED_BACK * length, length, (Real)0.0f) + edge) * (r * inner(f.y, edge));
+  Real turn = SELECT(length2 > POINT_LENGTH_SQUARED, r * inner(f.y, edge), (Real)0.0f);
+  VEC3 y = f.y - (f.x * SELECT(k > FOLDED_BACK * length, length, (Real)0.0f) + edge) * turn;
   FRAME to;
   to.x =
       make_vec3(SELECT(length2 > POINT_LENGTH_SQUARED, x.x, f.x.x), SELECT(length2 > POINT_LENGTH_SQUARED, x.y, f.x.y),
                 SELECT(length2 > POINT_LENGTH_SQUARED, x.z, f.x.z));
-  to.y =
-      make_vec3(SELECT(length2 > POINT_LENGTH_SQUARED, y.x, f.y.x), SELECT(length2 > POINT_LENGTH_SQUARED, y.y, f.y.y),
-                SELECT(length2 > POINT_LENGTH_SQUARED, y.z, f.y.z));
+  to.y = y;
   return to;
 }
 

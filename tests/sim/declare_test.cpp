@@ -104,6 +104,10 @@ struct CheckDefaults {
                   const char* help) {
     look(name, range.contains(field.x()) && range.contains(field.y()) && range.contains(field.z()), unit, help);
   }
+  void operator()(std::string_view name, bool&, const Switch&, const char*, const char* help) {
+    CAPTURE(name);
+    CHECK(std::string_view(help).back() == '.');
+  }
   template <class T>
   void operator()(std::string_view, T& nested, const char* help) {
     CHECK(std::string_view(help).back() == '.');

@@ -1,4 +1,4 @@
-// The one place that knows assimp. What assimp 5.2 does, and what is left to do here:
+// The one place that knows assimp, a module of its own. What assimp 5.2 does, and what is left to do here:
 // - it drops what a glTF says of units (metres, +Y up: nothing to do), leaves FBX in its own units and axes (the
 // scene's
 //   metadata tell them) and multiplies those of Collada into the root (taken out again);
@@ -32,6 +32,7 @@
 
 #include "formats/animation.h"
 #include "formats/animation_guard.h"
+#include "formats/animation_importer.h"
 #include "formats/quoted_list.h"
 #include "formats/units.h"
 
@@ -462,19 +463,14 @@ Import import_scene(const GuardedFile& file, const AnimationOptions& options, bo
 }
 
 }  // namespace
+}  // namespace strandbake
 
-Animation parse_animation(std::string_view bytes, const std::filesystem::path& path, const AnimationOptions& options,
-                          Warnings& warnings) {
-  const std::string source = path.string();
-  const GuardedFile file = guard_animation(bytes, path, warnings);
+extern "C" __attribute__((visibility("default"))) void strandbake_import_animation(
+    const strandbake::GuardedFile& file, const std::string& source, const strandbake::AnimationOptions& options,
+    strandbake::Warnings& warnings, strandbake::Animation& animation) {
+  using namespace strandbake;
   const Import import = import_scene(file, options, false, source);
   Import named;
   if (file.kind == AnimationKind::collada) named = import_scene(file, options, true, source);
-  return Converter(file, *import.scene, source, warnings).run(options, named.scene);
+  animation = Converter(file, *import.scene, source, warnings).run(options, named.scene);
 }
-
-Animation read_animation(const std::filesystem::path& path, const AnimationOptions& options, Warnings& warnings) {
-  return parse_animation(read_bytes(path), path, options, warnings);
-}
-
-}  // namespace strandbake

@@ -32,5 +32,7 @@ grep -E '^(File|TOTAL|sim|formats)' build/coverage/coverage.txt || true
 step "release"
 configure release
 cmake --build --preset release -j "$jobs"
+step "instructions of a small bake"
+scripts/count_instructions.py
 step "tests"
 ctest --preset release -j "$jobs" --no-tests=error

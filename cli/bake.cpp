@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <omp.h>
 
 #include <CLI/CLI.hpp>
 #include <cerrno>
@@ -216,7 +215,7 @@ int run_bake(BakeOptions options) {
     }
     written = asked;
   }
-  if (options.threads == 0) options.threads = omp_get_max_threads();
+  if (options.threads == 0) options.threads = default_threads(shot.groom.vertex_count());
   if (options.output.empty()) options.output = options.scene.scene.stem().string() + ".h5";
 
   if (options.dry_run) {
@@ -307,7 +306,8 @@ Verb add_bake(CLI::App& app) {
                  "Write only these frames, e.g. 100-120; those before are simulated all the same")
       ->type_name("A-B")
       ->check(check_frames);
-  app.add_option("--threads", options->threads, "Threads; left out: all cores. The cache does not depend on it")
+  app.add_option("--threads", options->threads,
+                 "Threads; left out: all cores that the groom keeps busy. The cache does not depend on it")
       ->check(CLI::Range(1, 4096));
   app.add_option("--lanes", options->lanes,
                  "Floats in a vector: 4, 8 or 16; left out: the widest. The cache does not depend on it")

@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <omp.h>
 
 #include <CLI/CLI.hpp>
 #include <memory>
@@ -24,7 +23,8 @@ Verb add_check(CLI::App& app) {
       print_faults(faults);
       return static_cast<int>(kInput);
     }
-    fmt::print("{}", describe_plan(shot, {shot.scene.first_frame, shot.scene.last_frame}, omp_get_max_threads()));
+    fmt::print("{}", describe_plan(shot, {shot.scene.first_frame, shot.scene.last_frame},
+                                   default_threads(shot.groom.vertex_count())));
     return static_cast<int>(kGood);
   };
 }

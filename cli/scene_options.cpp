@@ -1,4 +1,7 @@
+#include <omp.h>
+
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdlib>
 #include <stdexcept>
 #include <string>
@@ -16,6 +19,12 @@ std::string check_frames(const std::string& text) {
     return error.what();
   }
   return {};
+}
+
+int default_threads(std::size_t vertices) {
+  constexpr std::size_t kVerticesOfAThread = 4096;
+  return static_cast<int>(
+      std::clamp<std::size_t>(vertices / kVerticesOfAThread, 1, static_cast<std::size_t>(omp_get_max_threads())));
 }
 
 void SceneOptions::add_to(CLI::App& app) {

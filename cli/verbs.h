@@ -1,6 +1,7 @@
 // The verbs of the program, one file each. A verb adds its options to the command line and says what to run.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -34,6 +35,10 @@ Verb add_docs(CLI::App& app);
 
 // For --frames: empty, or what is wrong with the text.
 std::string check_frames(const std::string& text);
+
+// How many threads a bake takes where nobody says: all cores, or as many as the groom keeps busy. Starting more and
+// waiting for them takes longer than what they would do.
+int default_threads(std::size_t vertices);
 
 // What bake and check share: the scene and how it is changed from the command line.
 struct SceneOptions {

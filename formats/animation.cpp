@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <numeric>
 
 #include "formats/quoted_list.h"
+#include "formats/similar_names.h"
 
 namespace strandbake {
 namespace {
@@ -76,40 +76,15 @@ bool matches(const std::string& path, std::string_view asked) {
   return path == asked || path.ends_with("/" + std::string(asked));
 }
 
-char lower(char c) {
-  return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-}
-
-// Letters to insert, remove or replace; case does not count.
-std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t{0});
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = row[0];
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t replaced = diagonal + (lower(a[i - 1]) != lower(b[j - 1]) ? 1 : 0);
-      diagonal = row[j];
-      row[j] = std::min({row[j] + 1, row[j - 1] + 1, replaced});
-    }
-  }
-  return row[b.size()];
-}
-
 // The names nearest to what was asked for, best first, each once.
-std::vector<std::string> closest(const std::vector<AnimationNode>& nodes, std::string_view asked) {
-  constexpr std::size_t longest = 200;  // of a name that is worth comparing
-  const std::string_view last = asked.substr(asked.rfind('/') + 1).substr(0, longest);
-  std::vector<std::pair<std::size_t, std::string>> ranked;
-  for (const AnimationNode& node : nodes) {
-    if (node.name.empty() || node.name.size() > longest) continue;
-    ranked.emplace_back(edit_distance(last, node.name), node.name);
-  }
-  std::sort(ranked.begin(), ranked.end());
-  ranked.erase(std::unique(ranked.begin(), ranked.end()), ranked.end());
+std::vector<std::string> nearest_nodes(const std::vector<AnimationNode>& nodes, std::string_view asked) {
   std::vector<std::string> names;
-  for (std::size_t k = 0; k < std::min<std::size_t>(4, ranked.size()); ++k) names.push_back(ranked[k].second);
-  return names;
+  for (const AnimationNode& node : nodes) {
+    if (!node.name.empty()) names.push_back(node.name);
+  }
+  std::sort(names.begin(), names.end());
+  names.erase(std::unique(names.begin(), names.end()), names.end());
+  return nearest(asked.substr(asked.rfind('/') + 1), names, 4);
 }
 
 std::string seconds(double time) {
@@ -134,7 +109,7 @@ std::size_t Animation::find_node(std::string_view name_or_path) const {
   }
   if (found.size() == 1) return found[0];
   if (found.empty()) {
-    const std::vector<std::string> near = closest(nodes, name_or_path);
+    const std::vector<std::string> near = nearest_nodes(nodes, name_or_path);
     throw InputError(ask() + " is not there; " +
                      (near.empty() ? "no node of the file has a name" : "the closest names are " + quoted_list(near)));
   }

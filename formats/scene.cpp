@@ -17,6 +17,7 @@
 
 #include "formats/scene_overrides.h"
 #include "formats/scene_words.h"
+#include "formats/similar_names.h"
 #include "formats/toml_tree.h"
 #include "formats/units.h"
 

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "formats/scene_words.h"
+#include "formats/similar_names.h"
 
 namespace strandbake {
 namespace {

@@ -17,22 +17,6 @@ bool is_continuation(char c) {
   return (static_cast<unsigned char>(c) & 0xC0u) == 0x80u;
 }
 
-// Optimal string alignment distance.
-std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> before(b.size() + 1), above(b.size() + 1), row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j) above[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      row[j] = std::min({above[j] + 1, row[j - 1] + 1, above[j - 1] + (a[i - 1] == b[j - 1] ? 0u : 1u)});
-      if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1]) row[j] = std::min(row[j], before[j - 2] + 1);
-    }
-    std::swap(before, above);
-    std::swap(above, row);
-  }
-  return above[b.size()];
-}
-
 // A reader of short texts like "1-24" and "0-99, 200".
 class Scanner {
  public:
@@ -130,22 +114,6 @@ std::string range_text(const Range& range) {
   if (range.low <= -most) return fmt::format("at most {}", range.high);
   if (range.low_open) return fmt::format("more than {} and at most {}", range.low, range.high);
   return fmt::format("from {} to {}", range.low, range.high);
-}
-
-std::optional<std::string> closest(std::string_view word, const std::vector<std::string>& known) {
-  constexpr std::size_t longest = 64;  // no name is longer, and the table of distances stays small
-  std::optional<std::string> best;
-  if (word.size() > longest) return best;
-  std::size_t best_distance = std::max<std::size_t>(1, word.size() / 3) + 1;
-  for (const std::string& candidate : known) {
-    if (candidate.size() > longest) continue;
-    const std::size_t distance = edit_distance(word, candidate);
-    if (distance < best_distance && distance < candidate.size()) {
-      best = candidate;
-      best_distance = distance;
-    }
-  }
-  return best;
 }
 
 std::pair<int, int> parse_frames(std::string_view text) {

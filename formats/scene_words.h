@@ -1,8 +1,7 @@
-// How the scene reader says things: values as TOML, ranges in words, the closest known word. Part of the scene reader.
+// How the scene reader says things: values as TOML, ranges in words. Part of the scene reader.
 #pragma once
 
 #include <Eigen/Core>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -32,8 +31,5 @@ std::string listed(const std::vector<std::string>& words);
 
 // "from 0 to 1", "more than 0", "at least 0", "a finite number"
 std::string range_text(const Range& range);
-
-// The known word with the fewest wrong, missing, extra or swapped letters, where they are few enough for a slip.
-std::optional<std::string> closest(std::string_view word, const std::vector<std::string>& known);
 
 }  // namespace strandbake

@@ -18,24 +18,19 @@ namespace {
 
 constexpr std::uint32_t kUnclaimed = std::numeric_limits<std::uint32_t>::max();
 
-// From the coordinates of a groom file to the world, or to the head node's axes where the groom was made there.
-struct Placement {
-  Eigen::Matrix3d turn;  // with units and scale
-  Eigen::Vector3d move;
-  double size;  // metres per unit of the file, scale included
-
-  Placement(const GroomParams& groom, const std::string& units, const std::string& up) {
-    const double radian = std::numbers::pi / 180;
-    size = metres_per_unit(units) * groom.scale;
-    const Eigen::Matrix3d rotation = (Eigen::AngleAxisd(groom.rotate.z() * radian, Eigen::Vector3d::UnitZ()) *
-                                      Eigen::AngleAxisd(groom.rotate.y() * radian, Eigen::Vector3d::UnitY()) *
-                                      Eigen::AngleAxisd(groom.rotate.x() * radian, Eigen::Vector3d::UnitX()))
-                                         .toRotationMatrix();
-    turn = size * rotation * to_y_up(up);
-    move = groom.translate;
-  }
-  Eigen::Vector3d operator()(const Eigen::Vector3d& p) const { return turn * p + move; }
-};
+// Throws std::invalid_argument for units and axes that read_scene() refuses.
+Placement make_placement(const GroomParams& groom, const std::string& units, const std::string& up) {
+  const double radian = std::numbers::pi / 180;
+  Placement place;
+  place.size = metres_per_unit(units) * groom.scale;
+  const Eigen::Matrix3d rotation = (Eigen::AngleAxisd(groom.rotate.z() * radian, Eigen::Vector3d::UnitZ()) *
+                                    Eigen::AngleAxisd(groom.rotate.y() * radian, Eigen::Vector3d::UnitY()) *
+                                    Eigen::AngleAxisd(groom.rotate.x() * radian, Eigen::Vector3d::UnitX()))
+                                       .toRotationMatrix();
+  place.turn = place.size * rotation * to_y_up(up);
+  place.move = groom.translate;
+  return place;
+}
 
 // Strands [first, first + count) of the groom came from this file.
 struct FileStrands {
@@ -252,8 +247,6 @@ void load_animation(Shot& shot, Faults& faults, Warnings& warnings) {
     }
   } catch (const InputError& error) {
     faults.push_back({shot.scene.place("head.animation"), error.what()});
-  } catch (const std::invalid_argument&) {
-    // Units or axes that read_scene() has refused.
   }
 }
 
@@ -271,8 +264,8 @@ void load_groom(Shot& shot, Faults& faults, Warnings& warnings) {
     }
     try {
       const Groom part = read_groom(path, warnings);
-      const Placement place(scene.groom, file.units.empty() ? scene.groom.units : file.units,
-                            file.up.empty() ? scene.groom.up : file.up);
+      const Placement place = make_placement(scene.groom, file.units.empty() ? scene.groom.units : file.units,
+                                             file.up.empty() ? scene.groom.up : file.up);
       files.push_back({file.file, shot.groom.strand_count(), part.strand_count()});
       append(shot.groom, part, place);
     } catch (const InputError& error) {
@@ -307,36 +300,64 @@ Eigen::Isometry3d Shot::pose(std::size_t node, double frame) const {
   return animation.pose(node, (frame - start) / scene.bake.fps);
 }
 
-Eigen::Isometry3d Shot::since_rest(std::size_t node, const Eigen::Isometry3d& rest, double frame) const {
-  const Eigen::Isometry3d now = pose(node, frame);
-  // A pose times its inverse is the identity up to rounding only, and a head that stands still must not move a bit.
-  if (now.matrix() == rest.matrix()) return Eigen::Isometry3d::Identity();
-  return now * rest.inverse();
+// The poses of one moment, each found once: colliders often ride the head's node, and several of them the same one.
+class Shot::Moment {
+ public:
+  Moment(const Shot& shot, double frame) : shot_(shot), frame_(frame) {}
+
+  double frame() const { return frame_; }
+
+  const Eigen::Isometry3d& pose(std::size_t node) {
+    const auto known = std::find_if(poses_.begin(), poses_.end(), [&](const auto& pose) { return pose.first == node; });
+    if (known != poses_.end()) return known->second;
+    return poses_.emplace_back(node, shot_.pose(node, frame_)).second;
+  }
+
+  Eigen::Isometry3d since_rest(std::size_t node, const Eigen::Isometry3d& rest) {
+    const Eigen::Isometry3d& now = pose(node);
+    // A pose times its inverse is the identity up to rounding only, and a head that stands still must not move a bit.
+    if (now.matrix() == rest.matrix()) return Eigen::Isometry3d::Identity();
+    return now * rest.inverse();
+  }
+
+ private:
+  const Shot& shot_;
+  double frame_;
+  std::vector<std::pair<std::size_t, Eigen::Isometry3d>> poses_;  // by node
+};
+
+Eigen::Isometry3d Shot::head(Moment& moment) const {
+  return animation.nodes.empty() ? Eigen::Isometry3d::Identity() : moment.since_rest(head_node, head_rest);
 }
 
-Eigen::Isometry3d Shot::head(double frame) const {
-  return animation.nodes.empty() ? Eigen::Isometry3d::Identity() : since_rest(head_node, head_rest, frame);
-}
-
-std::vector<Sphere> Shot::spheres(double frame) const {
+std::vector<Sphere> Shot::spheres(Moment& moment) const {
   std::vector<Sphere> spheres;
   for (std::size_t c = 0; c < scene.colliders.size(); ++c) {
-    const ColliderParams collider = scene.colliders[c].at(frame);
+    const ColliderParams collider = scene.colliders[c].at(moment.frame());
     Sphere sphere{collider.sphere.center, collider.sphere.radius};
     if (collider.space == "node") {
-      sphere.center = pose(collider_node[c], frame) * sphere.center;
+      sphere.center = moment.pose(collider_node[c]) * sphere.center;
     } else {
       if (collider.space == "groom") {
-        const Placement place(scene.groom, scene.groom.units, scene.groom.up);
-        sphere.center = place(sphere.center);
-        sphere.radius *= place.size;
+        sphere.center = placement(sphere.center);
+        sphere.radius *= placement.size;
         if (scene.groom.space == "head") sphere.center = head_rest * sphere.center;
       }
-      if (!collider.node.empty()) sphere.center = since_rest(collider_node[c], collider_rest[c], frame) * sphere.center;
+      if (!collider.node.empty()) sphere.center = moment.since_rest(collider_node[c], collider_rest[c]) * sphere.center;
     }
     spheres.push_back(sphere);
   }
   return spheres;
+}
+
+Eigen::Isometry3d Shot::head(double frame) const {
+  Moment moment(*this, frame);
+  return head(moment);
+}
+
+std::vector<Sphere> Shot::spheres(double frame) const {
+  Moment moment(*this, frame);
+  return spheres(moment);
 }
 
 std::vector<RegionParams> Shot::regions(double frame) const {
@@ -356,9 +377,9 @@ FrameInput Shot::input(int frame) const {
   const WindParams wind = scene.wind.at(held);
   for (int s = 1; s <= substeps; ++s) {
     const double now = s == substeps ? frame : frame - 1 + static_cast<double>(s) / substeps;
-    const double stage = std::max(now, first);
-    input.head.push_back(head(stage));
-    input.spheres.push_back(spheres(stage));
+    Moment moment(*this, std::max(now, first));
+    input.head.push_back(head(moment));
+    input.spheres.push_back(spheres(moment));
     if (!wind.velocity.isZero(0)) input.wind.push_back(wind_at(wind, now / scene.bake.fps));
   }
   return input;
@@ -369,6 +390,11 @@ Shot load_shot(Scene scene, Faults& faults, Warnings& warnings, bool skip_idle) 
   shot.scene = std::move(scene);
   shot.collider_node.assign(shot.scene.colliders.size(), 0);
   shot.collider_rest.assign(shot.scene.colliders.size(), Eigen::Isometry3d::Identity());
+  try {
+    shot.placement = make_placement(shot.scene.groom, shot.scene.groom.units, shot.scene.groom.up);
+  } catch (const std::invalid_argument&) {
+    // read_scene() has told of it.
+  }
   const std::size_t faults_before = faults.size();
   load_animation(shot, faults, warnings);
   if (faults.size() > faults_before) {

@@ -17,10 +17,20 @@
 
 namespace strandbake {
 
+// From the coordinates of a groom file to the world, or to the head node's axes where the groom was made there.
+struct Placement {
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // with units and scale
+  Eigen::Vector3d move = Eigen::Vector3d::Zero();      // [m]
+  double size = 1;                                     // metres per unit of the file, scale included
+
+  Eigen::Vector3d operator()(const Eigen::Vector3d& p) const { return turn * p + move; }
+};
+
 struct Shot {
   Scene scene;
   Groom groom;
   Plan plan;
+  Placement placement;  // of what has no units or axes of its own
   Animation animation;  // without nodes where the scene has no animation
   std::size_t head_node = 0;
   std::vector<std::size_t> collider_node;                       // [colliders], where a collider rides one
@@ -40,7 +50,9 @@ struct Shot {
   FrameInput input(int frame) const;
 
  private:
-  Eigen::Isometry3d since_rest(std::size_t node, const Eigen::Isometry3d& rest, double frame) const;
+  class Moment;
+  Eigen::Isometry3d head(Moment& moment) const;
+  std::vector<Sphere> spheres(Moment& moment) const;
 };
 
 // Opens everything that a scene names. Appends all that is wrong to `faults`; with faults the shot is of no use.

@@ -427,9 +427,9 @@ void OpenMPSolver<Scalar>::fill(const Groom& groom, const HeadTransform<Scalar>&
       Frame<Scalar> frame = rest_root_frame<Scalar>(rest);
       store(b.root_frame, 0, lane, frame.x);
       store(b.root_frame, 1, lane, frame.y);
-      for (std::size_t i = 1; i < own; ++i) {
-        const Vec3<Scalar> edge = rest[i] - rest[i - 1];
-        if (i >= 2) {
+      for (std::size_t i = 1; i < n; ++i) {
+        if (i >= 2 && i < own) {
+          const Vec3<Scalar> edge = rest[i] - rest[i - 1];
           const Vec3<Scalar> local = into_frame(frame, edge);
           store(b.local_edge, i, lane, local);
           store(b.remainder, i, lane, edge - from_frame(frame, local));

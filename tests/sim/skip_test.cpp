@@ -112,9 +112,9 @@ TEST_CASE("hair at rest under a head that stands is left alone until something c
   shot.frames = 10;
   SECTION("for ever") {
     const Ran ran = run_with(shot, Precision::Float, {});
-    // The first substep finds the fixed point; that of the frames of method 2 includes padding, which takes one more.
+    // The first substep finds the fixed point.
     const long long blocks = ran.work.substeps / 20;
-    CHECK(ran.work.substeps_at_rest == (method == 2 ? 18 : 19) * blocks);
+    CHECK(ran.work.substeps_at_rest == 19 * blocks);
     CHECK(run_with(shot, Precision::Float, {.resting = false}).work.substeps_at_rest == 0);
   }
   SECTION("until the head moves") {

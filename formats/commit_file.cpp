@@ -155,6 +155,7 @@ void CommitFile::truncate(std::uint64_t size) {
   if (error_ != 0) return;
   if (::ftruncate(descriptor_, static_cast<off_t>(size)) != 0) return fail(errno);
   size_ = size;
+  sent_ = std::min(sent_, size);
 }
 
 void CommitFile::put(std::uint64_t address, const void* bytes, std::size_t size) {
@@ -170,8 +171,22 @@ void CommitFile::put(std::uint64_t address, const void* bytes, std::size_t size)
   }
 }
 
+// Asks the system to write now what it would keep until sync(), so that the device works while a bake computes. It is
+// only a request: errors show in sync().
+void CommitFile::send() {
+#ifdef SYNC_FILE_RANGE_WRITE
+  constexpr std::uint64_t kAtOnce = 4 << 20;
+  if (error_ != 0 || size_ < sent_ + kAtOnce) return;
+  ::sync_file_range(descriptor_, static_cast<off_t>(sent_), static_cast<off_t>(size_ - sent_), SYNC_FILE_RANGE_WRITE);
+  sent_ = size_;
+#endif
+}
+
 void CommitFile::write(H5FD_mem_t type, std::uint64_t address, const void* bytes, std::size_t size) {
-  if (type == H5FD_MEM_DRAW) return put(address, bytes, size);
+  if (type == H5FD_MEM_DRAW) {
+    put(address, bytes, size);
+    return send();
+  }
   // An entry is rewritten as a whole. Should HDF5 reuse the place of another, that one has to go first.
   auto after = held_.lower_bound(address);
   const bool meets_next = after != held_.end() && after->first < address + size &&

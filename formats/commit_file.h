@@ -46,6 +46,7 @@ class CommitFile {
   void truncate(std::uint64_t size);
   void put(std::uint64_t address, const void* bytes, std::size_t size);
   void write(H5FD_mem_t type, std::uint64_t address, const void* bytes, std::size_t size);
+  void send();
   bool read(std::uint64_t address, void* bytes, std::size_t size);
   void commit();
   void fail(int code);
@@ -55,6 +56,7 @@ class CommitFile {
   std::uint64_t allocated_ = 0;         // HDF5's end of the address space
   std::uint64_t committed_ = 0;         // the same at the last commit: nothing on disk names a place beyond
   std::uint64_t size_ = 0;              // of the file on disk
+  std::uint64_t sent_ = 0;              // bytes before this place were asked to be written to the device
   std::map<std::uint64_t, Held> held_;  // metadata by address
 };
 

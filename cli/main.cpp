@@ -1,8 +1,11 @@
 // strandbake VERB: reads the command line, runs one verb, and is the only place that ends the process.
+#include <malloc.h>
+
 #include <CLI/CLI.hpp>
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <map>
 #include <new>
@@ -12,6 +15,13 @@
 #include "cli/verbs.h"
 #include "cli/version.h"
 #include "formats/error.h"
+
+// Threads that have nothing to do sleep, unless whoever runs us wants it otherwise: where cores are shared, a thread
+// that spins keeps the one that it waits for from running. The runtimes of OpenMP look at the environment once, before
+// main().
+__attribute__((constructor(101))) static void let_threads_sleep() {
+  ::setenv("OMP_WAIT_POLICY", "passive", 0);
+}
 
 int main(int argc, char** argv) {
   using namespace strandbake;
@@ -33,6 +43,9 @@ int main(int argc, char** argv) {
   add("groom", "Make hair, or convert a groom to .hair", add_groom);
   add("docs", "Print the reference of the scene file", add_docs);
 
+  // Large blocks go back to the system when they are freed. By default glibc keeps what is as large as the largest that
+  // was freed so far: here whole grooms.
+  ::mallopt(M_MMAP_THRESHOLD, 1 << 20);
   // A write beyond the limit of a file's size is an error like that of a full disk, and no reason to die.
   std::signal(SIGXFSZ, SIG_IGN);
   try {

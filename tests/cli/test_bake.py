@@ -112,6 +112,13 @@ def test_json_survives_names_that_are_not_utf8(shot):
     assert events_of(run)[-1]["output"] == "sc\ufffdene.h5"
 
 
+@pytest.mark.parametrize("setting", ["passive", "active"])
+def test_threads_that_wait_sleep_unless_told_otherwise(shot, setting):
+    env = {"OMP_DISPLAY_ENV": "true"} | ({"OMP_WAIT_POLICY": "active"} if setting == "active" else {})
+    run = shot.run("bake", shot.scene(), "--quiet", env=env)
+    assert re.search(rf"OMP_WAIT_POLICY *= *'{setting}'", run.err, re.IGNORECASE), run.err
+
+
 # Usage
 
 

@@ -1,11 +1,15 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <atomic>
 #include <cerrno>
 #include <chrono>
 #include <csignal>
-#include <fstream>
+#include <functional>
 #include <memory>
+#include <mutex>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <system_error>
@@ -91,15 +95,30 @@ CacheHeader make_header(const Shot& shot) {
   return header;
 }
 
-// Everything of one bake between two frames.
+// Everything of one bake. A frame is measured, encoded and written by the solver's own threads while they simulate the
+// next one.
 class Bake {
  public:
-  Bake(Shot shot, const BakeOptions& options, std::pair<int, int> written)
+  // Called when a frame is in the file.
+  using OnFrame = std::function<void(int frame, const FrameStats& stats)>;
+
+  Bake(Shot shot, const BakeOptions& options, std::pair<int, int> written, OnFrame on_frame)
       : shot_(std::move(shot)),
         written_(written),
         threads_(options.threads),
         velocity_(shot_.scene.cache.velocity),
-        stats_(shot_.scene.cache.stats) {
+        stats_(shot_.scene.cache.stats),
+        vertex_count_(shot_.groom.vertex_count()),
+        on_frame_(std::move(on_frame)) {
+    // First the writer, as what it needs of the groom is gone before the solver is made: grooms are large.
+    CacheOptions cache;
+    cache.deflate = shot_.scene.deflate_level;
+    cache.precision = shot_.scene.cache.precision;
+    cache.velocity = velocity_;
+    cache.stats = stats_;
+    cache.threads = threads_;
+    writer_.emplace(options.output, make_header(shot_), cache);
+
     SolverOptions solver;
     solver.precision = shot_.scene.solver.precision == "double" ? Precision::Double : Precision::Float;
     solver.threads = threads_;
@@ -109,86 +128,136 @@ class Bake {
       rest_length_ = rest_lengths(shot_.groom);
       pinned_ = pinned_vertices(shot_.groom);
     }
-    header_ = make_header(shot_);
-    // The solver has its own copy, and grooms are large.
-    shot_.groom = {};
-
-    CacheOptions cache;
-    cache.deflate = shot_.scene.deflate_level;
-    cache.precision = shot_.scene.cache.precision;
-    cache.velocity = velocity_;
-    cache.stats = stats_;
-    cache.threads = threads_;
-    writer_.emplace(options.output, header_, cache);
-    header_.rest_position = {};
+    shot_.groom = {};  // the solver has its own copy
+    for (Positions& positions : positions_) {
+      if (&positions != &positions_[kBefore] || velocity_) positions.reset(new Eigen::Vector3f[vertex_count_]);
+    }
   }
 
   const Scene& scene() const { return shot_.scene; }
-  std::size_t vertex_count() const { return header_.offset.back(); }
-  CacheWriter& writer() { return *writer_; }
+  std::size_t vertex_count() const { return vertex_count_; }
+  int first_simulated() const { return scene().first_frame - scene().bake.preroll; }
 
-  // Simulates up to `frame` and writes it if it is among the frames asked for.
+  // Simulates `frame`, which follows the one of the last call, and meanwhile writes that one. Frames that nobody asked
+  // for are not read.
   void advance_to(int frame) {
-    if (frame > first_simulated()) solver_->advance(shot_.input(frame));
+    const bool needed = frame >= written_.first - (velocity_ ? 1 : 0);
+    const auto next = needed ? positions(kNext) : std::span<Eigen::Vector3f>();
+    if (frame > first_simulated()) {
+      solver_->advance(shot_.input(frame), next,
+                       pending_ ? [this](bool hair_is_left) { work(!hair_is_left); } : Solver::Alongside());
+    } else if (needed) {
+      solver_->read(next);
+    }
+    end_pending();
     if (const auto bad = solver_->find_non_finite()) {
       throw NonFiniteError{
           fmt::format("frame {}: strand {}, vertex {} is no longer a finite number; more substeps or less stiffness "
                       "may help",
                       frame, bad->strand, bad->vertex)};
     }
-    const bool needed = frame >= written_.first - (velocity_ ? 1 : 0);
     if (!needed) return;
-    if (velocity_) before_.swap(position_);
-    position_.resize(vertex_count());
-    solver_->read(std::span<Eigen::Vector3f>(position_));
-    if (frame >= written_.first) write(frame);
+    if (velocity_) positions_[kBefore].swap(positions_[kNow]);
+    positions_[kNow].swap(positions_[kNext]);
+    if (frame >= written_.first) begin(frame);
   }
 
-  int first_simulated() const { return scene().first_frame - scene().bake.preroll; }
+  // Writes the frame of the last advance_to().
+  void write_last() {
+    if (!pending_) return;
+#pragma omp parallel num_threads(threads_)
+    work(true);
+    end_pending();
+  }
+
+  void finish() {
+    writer_->finish();
+  }
+  // Ends early; the frames that were written stay.
+  void close() {
+    writer_->close();
+  }
 
   struct NonFiniteError {
     std::string message;
   };
 
  private:
-  void write(int frame) {
-    CacheFrame out;
-    out.number = frame;
-    out.time = frame / scene().bake.fps;
-    out.position = position_;
-    out.head = shot_.head(frame);
-    if (velocity_) {
-      velocities_.assign(vertex_count(), Eigen::Vector3f::Zero());
-      if (before_.size() == position_.size()) {
-        const auto fps = static_cast<float>(scene().bake.fps);
-        for (std::size_t v = 0; v < position_.size(); ++v) velocities_[v] = (position_[v] - before_[v]) * fps;
-      }
-      out.velocity = velocities_;
-    }
-    if (stats_) {
-      out.stats.largest_stretch = largest_stretch(position_, rest_length_, threads_);
-      const std::vector<Sphere> spheres = shot_.spheres(frame);
-      if (!spheres.empty()) out.stats.deepest_penetration = deepest_penetration(position_, pinned_, spheres, threads_);
-    }
-    writer_->write(out);
-    last_stats = out.stats;
+  using Positions = std::unique_ptr<Eigen::Vector3f[]>;
+  // The places of positions: of the frame that is simulated, of the one that is written, and of the one before it, from
+  // which velocities are made.
+  enum { kNext, kNow, kBefore };
+  std::span<Eigen::Vector3f> positions(int place) const {
+    return {positions_[place].get(), vertex_count_};
   }
 
- public:
-  FrameStats last_stats;
+  void begin(int frame) {
+    pending_.emplace();
+    pending_->number = frame;
+    pending_->time = frame / scene().bake.fps;
+    pending_->position = positions(kNow);
+    pending_->head = shot_.head(frame);
+    if (velocity_) {
+      if (frame == first_simulated()) {
+        pending_->velocity = [](std::size_t, std::span<Eigen::Vector3f> out) {
+          std::fill(out.begin(), out.end(), Eigen::Vector3f(0, 0, 0));
+        };
+      } else {
+        pending_->velocity = [fps = static_cast<float>(scene().bake.fps), now = positions(kNow),
+                              before = positions(kBefore)](std::size_t first, std::span<Eigen::Vector3f> out) {
+          for (std::size_t v = 0; v < out.size(); ++v) out[v] = (now[first + v] - before[first + v]) * fps;
+        };
+      }
+    }
+    if (stats_) spheres_ = shot_.spheres(frame);
+    measured_ = 0;
+    writer_->begin(*pending_);
+  }
 
- private:
+  // One thread's part of the frame that is written.
+  void work(bool may_wait) {
+    if (stats_) measure();
+    writer_->work(may_wait);
+  }
+
+  void measure() {
+    constexpr std::size_t kAtOnce = 16384;
+    FrameStats found;
+    for (std::size_t first; (first = measured_.fetch_add(kAtOnce)) < vertex_count_;) {
+      const VertexRange range = {first, std::min(first + kAtOnce, vertex_count_)};
+      found.largest_stretch = std::max(found.largest_stretch, largest_stretch(pending_->position, rest_length_, range));
+      found.deepest_penetration =
+          std::max(found.deepest_penetration, deepest_penetration(pending_->position, pinned_, spheres_, range));
+    }
+    const std::lock_guard lock(stats_mutex_);
+    FrameStats& stats = pending_->stats;
+    stats.largest_stretch = std::max(stats.largest_stretch, found.largest_stretch);
+    stats.deepest_penetration = std::max(stats.deepest_penetration, found.deepest_penetration);
+  }
+
+  void end_pending() {
+    if (!pending_) return;
+    writer_->end();
+    on_frame_(pending_->number, pending_->stats);
+    pending_.reset();
+  }
+
   Shot shot_;
   std::pair<int, int> written_;
   int threads_;
   bool velocity_;
   bool stats_;
+  std::size_t vertex_count_;
+  OnFrame on_frame_;
   std::unique_ptr<Solver> solver_;
-  CacheHeader header_;
   std::optional<CacheWriter> writer_;
   std::vector<float> rest_length_;
   std::vector<std::uint8_t> pinned_;
-  std::vector<Eigen::Vector3f> position_, before_, velocities_;
+  std::array<Positions, 3> positions_;
+  std::optional<CacheFrame> pending_;  // simulated, not yet in the file
+  std::vector<Sphere> spheres_;        // of that frame
+  std::atomic<std::size_t> measured_ = 0;
+  std::mutex stats_mutex_;
 };
 
 int run_bake(BakeOptions options) {
@@ -233,8 +302,21 @@ int run_bake(BakeOptions options) {
 
   std::signal(SIGINT, request_stop);
   std::signal(SIGTERM, request_stop);
-  Bake bake(std::move(shot), options, written);
-  const int first = bake.first_simulated();
+  Progress* progress = nullptr;
+  const int first = shot.scene.first_frame - shot.scene.bake.preroll;
+  const auto show_progress = [&](int frame, const std::string& note) {
+    progress->update(static_cast<std::size_t>(frame) - static_cast<std::size_t>(first) + 1, note);
+  };
+  const bool stats = shot.scene.cache.stats;
+  Bake bake(std::move(shot), options, written, [&](int frame, const FrameStats& found) {
+    nlohmann::ordered_json event = {{"event", "frame"}, {"frame", frame}};
+    if (stats) {
+      event["largest_stretch"] = found.largest_stretch;
+      event["deepest_penetration"] = found.deepest_penetration;
+    }
+    events.emit(event);
+    show_progress(frame, fmt::format("frame {}", frame));
+  });
   events.emit({{"event", "start"},
                {"version", STRANDBAKE_VERSION},
                {"output", options.output.string()},
@@ -254,10 +336,12 @@ int run_bake(BakeOptions options) {
   };
   std::optional<std::pair<int, std::string>> failure;
   {
-    Progress progress(options.json ? Progress::Style::Silent : Progress::choose(options.quiet),
-                      static_cast<std::size_t>(written.second - first + 1), "baking");
+    Progress shown(options.json ? Progress::Style::Silent : Progress::choose(options.quiet),
+                   static_cast<std::size_t>(written.second - first + 1), "baking");
+    progress = &shown;
     for (int frame = first; frame <= written.second; ++frame) {
       if (stop_requested) {
+        bake.write_last();
         failure = {kInterrupted, fmt::format("interrupted before frame {}; {}", frame, left_behind(frame))};
         break;
       }
@@ -267,21 +351,15 @@ int run_bake(BakeOptions options) {
         failure = {kNonFinite, fmt::format("{}; {}", error.message, left_behind(frame))};
         break;
       }
-      if (frame >= written.first) {
-        nlohmann::ordered_json event = {{"event", "frame"}, {"frame", frame}};
-        if (bake.scene().cache.stats) {
-          event["largest_stretch"] = bake.last_stats.largest_stretch;
-          event["deepest_penetration"] = bake.last_stats.deepest_penetration;
-        }
-        events.emit(event);
-      }
-      progress.update(static_cast<std::size_t>(frame) - static_cast<std::size_t>(first) + 1,
-                      frame < written.first ? std::string("before the first frame") : fmt::format("frame {}", frame));
+      if (frame < written.first) show_progress(frame, "before the first frame");
     }
-    if (!failure) bake.writer().finish();
+    if (!failure) {
+      bake.write_last();
+      bake.finish();
+    }
   }
   if (failure) {
-    bake.writer().close();
+    bake.close();
     return events.failed(failure->first, failure->second);
   }
   const double elapsed = seconds_since(start);

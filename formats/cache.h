@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -22,7 +23,7 @@ struct CacheOptions {
   double precision = 0;   // positions are rounded by at most half of this [m]; 0: not rounded
   bool velocity = false;  // write /frames/velocity
   bool stats = true;      // write /stats
-  int threads = 1;        // for shuffle and deflate; has no influence on the bytes
+  int threads = 1;        // that encode at once, at most; has no influence on the bytes
 };
 
 // What is known before the first frame.
@@ -45,16 +46,20 @@ struct FrameStats {
 };
 
 struct CacheFrame {
-  int number = 0;                                          // scene frame
-  double time = 0;                                         // [s], number / fps
-  std::span<const Eigen::Vector3f> position;               // [vertices], world [m]
-  std::span<const Eigen::Vector3f> velocity;               // [vertices] [m/s], or empty where the cache has none
+  int number = 0;                             // scene frame
+  double time = 0;                            // [s], number / fps
+  std::span<const Eigen::Vector3f> position;  // [vertices], world [m]
+  // Tells the velocities [m/s] of the vertices from `first` on; empty where the cache has none. Any number of threads
+  // may ask at once.
+  std::function<void(std::size_t first, std::span<Eigen::Vector3f> out)> velocity;
   Eigen::Isometry3d head = Eigen::Isometry3d::Identity();  // rest frame to now
   FrameStats stats;
 };
 
 // Writes `path` + ".part"; finish() renames it. Left without finish(), the .part stays, readable, with the frames that
-// were written. Throws DiskError.
+// were written; left without finish(), close() and a single frame, it goes. Throws DiskError.
+//
+// A frame is written in three steps, so that the threads of a solver can do most of it: begin(), work(), end().
 class CacheWriter {
  public:
   CacheWriter(const std::filesystem::path& path, const CacheHeader& header, const CacheOptions& options);
@@ -62,10 +67,23 @@ class CacheWriter {
   CacheWriter(const CacheWriter&) = delete;
   CacheWriter& operator=(const CacheWriter&) = delete;
 
-  void write(const CacheFrame& frame);
+  // The frame, and what it refers to, must stay until end(), which is the first to look at its statistics.
+  void begin(const CacheFrame& frame);
+  // Encodes and writes chunks of the frame that was begun. Any number of threads may call it at once; those beyond the
+  // threads of the options return at once. The others return when nothing is left to take, with `may_wait` when all
+  // chunks are written. Throws nothing: what goes wrong, end() tells.
+  void work(bool may_wait);
+  // Does what is left, on the threads of the options, and commits the frame. No other thread may still be in work().
+  void end();
+  // All at once.
+  void write(const CacheFrame& frame) {
+    begin(frame);
+    end();
+  }
   // Closes the file and gives it its final name. Nothing can be written after it.
   void finish();
   // Closes the .part without renaming it, so that its bytes are on disk; the destructor does it too, but cannot throw.
+  // A frame that was begun and not ended is dropped.
   void close();
 
  private:

@@ -1,7 +1,6 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <libdeflate.h>
-#include <omp.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -9,8 +8,11 @@
 #include <bit>
 #include <cerrno>
 #include <cmath>
+#include <condition_variable>
 #include <cstring>
+#include <exception>
 #include <limits>
+#include <mutex>
 #include <stdexcept>
 #include <system_error>
 
@@ -27,7 +29,7 @@ constexpr int kFormatVersion = 1;
 // Vertices in a chunk, at most. 192 KiB of positions: five such chunks fit the 1 MiB that HDF5 readers cache by
 // default, HDF5's own work per chunk (20 us) is small beside deflating it (1 ms), and a groom of 200,000 vertices still
 // keeps a dozen threads busy.
-constexpr std::size_t kBlockVertices = 16384;
+constexpr std::size_t kChunkVertices = 16384;
 
 // Frames in a chunk of the small data sets (numbers, times, matrices, statistics).
 constexpr hsize_t kSmallChunkFrames = 64;
@@ -43,100 +45,212 @@ void require(bool good) {
   if (!good) throw DiskError(hdf5_error());
 }
 
-// The largest power of two that is not above `precision`.
+// The largest power of two that is not above `precision`; at least 2^-200, of which every float is a multiple.
 double rounding_step(double precision) {
   int exponent = 0;
   std::frexp(precision, &exponent);
-  return std::ldexp(1.0, exponent - 1);
+  return std::ldexp(1.0, std::max(exponent - 1, -200));
 }
 
-float round_to_step(float v, double step) {
+// Without branches, so that compilers make vectors of it.
+inline float round_to_step(float v, double step, double inverse_step) {
   // Adding and subtracting 1.5 * 2^52 rounds a double below 2^51 to an integer, ties to even. All else here is exact.
   constexpr double kShift = 6755399441055744.0;
-  const double steps = static_cast<double>(v) / step;
-  if (!(std::abs(steps) < 0x1p51)) return v;  // a multiple already, infinite or NaN
+  const double steps = static_cast<double>(v) * inverse_step;
   const double rounded = ((steps + kShift) - kShift) * step;
-  if (std::abs(rounded) > static_cast<double>(std::numeric_limits<float>::max())) return v;
-  return static_cast<float>(rounded);
+  // A multiple already, infinite or NaN; or the nearest multiple is no float.
+  const bool is_rounded =
+      std::abs(steps) < 0x1p51 && std::abs(rounded) <= static_cast<double>(std::numeric_limits<float>::max());
+  return is_rounded ? static_cast<float>(rounded) : v;
 }
 
 struct FreeCompressor {
   void operator()(libdeflate_compressor* compressor) const { libdeflate_free_compressor(compressor); }
 };
 
-// Cuts the vectors of one frame into blocks and encodes them as HDF5's filters would: shuffle, then deflate. Blocks are
-// of equal size, the last one padded with zeros, because HDF5 wants whole chunks; cutting evenly keeps the padding
-// below one vertex a block. All memory is taken here.
-class BlockEncoder {
+// The vectors of one data set in one frame.
+struct Vectors {
+  hid_t dataset;
+  std::optional<hsize_t> frame;                // none: the data set has no frames
+  std::span<const Eigen::Vector3f> in_memory;  // [vertices], or made by `make`
+  std::function<void(std::size_t first, std::span<Eigen::Vector3f> out)> make;
+  double precision;
+};
+
+// Cuts vectors into chunks, encodes them as HDF5's filters would (shuffle, then deflate), and hands them over in their
+// order. Chunks are of equal size, the last one padded with zeros, because HDF5 wants whole chunks; cutting evenly
+// keeps the padding below one vertex a chunk.
+//
+// Threads take chunks in order and encode them into slots. Whoever finds the next one ready, and nobody writing, writes
+// it: HDF5 sees one thread at a time and always the same order. There are a few more slots than threads, so that
+// nobody has to wait because of one slow chunk or a write.
+class ChunkQueue {
  public:
-  BlockEncoder(std::size_t vertices, int level, int threads)
-      : vertices_(vertices), level_(level), block_count_((vertices + kBlockVertices - 1) / kBlockVertices) {
-    block_vertices_ = (vertices + block_count_ - 1) / block_count_;
-    const std::size_t block_bytes = block_vertices_ * sizeof(Eigen::Vector3f);
-    workers_.resize(std::min<std::size_t>(threads, block_count_));
-    if (level > 0) {
-      for (Worker& worker : workers_) {
+  using Write = std::function<void(const Vectors&, std::size_t first_vertex, std::span<const std::uint8_t> bytes)>;
+
+  // All memory is taken here.
+  ChunkQueue(std::size_t vertices, int level, int threads, bool makes_vectors, Write write)
+      : vertices_(vertices),
+        level_(level),
+        chunk_count_((vertices + kChunkVertices - 1) / kChunkVertices),
+        chunk_vertices_((vertices + chunk_count_ - 1) / chunk_count_),
+        write_(std::move(write)) {
+    const std::size_t chunk_bytes = chunk_vertices_ * sizeof(Eigen::Vector3f);
+    workers_.resize(std::min<std::size_t>(static_cast<std::size_t>(threads), chunk_count_ * (makes_vectors ? 2 : 1)));
+    for (Worker& worker : workers_) {
+      if (level > 0) {
         worker.compressor.reset(libdeflate_alloc_compressor(level));
         if (worker.compressor == nullptr) throw std::bad_alloc();
-        worker.shuffled.resize(block_bytes);
+        worker.shuffled = std::make_unique_for_overwrite<std::uint8_t[]>(chunk_bytes);
       }
+      if (makes_vectors) worker.made = std::make_unique_for_overwrite<Eigen::Vector3f[]>(chunk_vertices_);
+      idle_.push_back(&worker);
     }
-    const std::size_t capacity = level > 0 ? libdeflate_zlib_compress_bound(nullptr, block_bytes) : block_bytes;
-    blocks_.assign(block_count_, std::vector<std::uint8_t>(capacity));
-    sizes_.resize(block_count_);
+    capacity_ = level > 0 ? libdeflate_zlib_compress_bound(nullptr, chunk_bytes) : chunk_bytes;
+    slots_.resize(2 * workers_.size() + 1);
+    for (Slot& slot : slots_) slot.room = std::make_unique_for_overwrite<std::uint8_t[]>(capacity_);
   }
 
-  std::size_t block_count() const { return block_count_; }
-  std::size_t block_vertices() const { return block_vertices_; }
-  std::span<const std::uint8_t> block(std::size_t index) const { return {blocks_[index].data(), sizes_[index]}; }
+  std::size_t chunk_vertices() const { return chunk_vertices_; }
 
-  void encode(std::span<const Eigen::Vector3f> vectors, double precision) {
-    const double step = precision > 0 ? rounding_step(precision) : 0;
-#pragma omp parallel for num_threads(static_cast <int>(workers_.size())) schedule(dynamic, 1)
-    for (std::size_t block = 0; block < block_count_; ++block)
-      encode_block(workers_[omp_get_thread_num()], block, vectors, step);
+  void start(std::vector<Vectors> all) {
+    all_ = std::move(all);
+    count_ = all_.size() * chunk_count_;
+    taken_ = written_ = 0;
+    failure_ = nullptr;
+  }
+  bool done() const { return written_ == count_ || failure_; }
+  void rethrow() const {
+    if (failure_) std::rethrow_exception(failure_);
+  }
+
+  void work(bool may_wait) noexcept {
+    std::unique_lock lock(mutex_);
+    if (idle_.empty()) return;  // as many are here as have room
+    Worker& worker = *idle_.back();
+    idle_.pop_back();
+    while (!done()) {
+      Slot& next = slots_[written_ % slots_.size()];
+      if (next.ready && !is_writing_) {
+        is_writing_ = true;
+        attempt(lock, [&] { write_(all_[written_ / chunk_count_], first_vertex(written_), next.bytes); });
+        is_writing_ = false;
+        next.ready = false;
+        ++written_;
+      } else if (taken_ < count_ && taken_ < written_ + slots_.size()) {
+        const std::size_t chunk = taken_++;
+        Slot& slot = slots_[chunk % slots_.size()];
+        attempt(lock, [&] { encode(worker, chunk, slot); });
+        slot.ready = true;
+      } else if (may_wait) {
+        changed_.wait(lock);
+        continue;
+      } else {
+        break;
+      }
+      changed_.notify_all();
+    }
+    idle_.push_back(&worker);
   }
 
  private:
   struct Worker {
     std::unique_ptr<libdeflate_compressor, FreeCompressor> compressor;
-    std::vector<std::uint8_t> shuffled;
+    std::unique_ptr<std::uint8_t[]> shuffled;
+    std::unique_ptr<Eigen::Vector3f[]> made;
+  };
+  struct Slot {
+    std::unique_ptr<std::uint8_t[]> room;
+    std::span<const std::uint8_t> bytes;  // in `room`, or where the caller has them
+    bool ready = false;
   };
 
-  void encode_block(Worker& worker, std::size_t block, std::span<const Eigen::Vector3f> vectors, double step) {
-    const std::size_t first = block * block_vertices_;
-    const std::size_t count = std::min(block_vertices_, vertices_ - first) * 3;  // floats
-    const std::size_t padded = block_vertices_ * 3;
-    const float* in = vectors[first].data();
-    const auto stored = [in, step](std::size_t k) {
-      return std::bit_cast<std::uint32_t>(step > 0 ? round_to_step(in[k], step) : in[k]);
-    };
-    if (level_ == 0) {
-      std::uint8_t* out = blocks_[block].data();
-      for (std::size_t k = 0; k < count; ++k)
-        for (int byte = 0; byte < 4; ++byte) out[4 * k + byte] = static_cast<std::uint8_t>(stored(k) >> (8 * byte));
-      std::fill(out + 4 * count, out + 4 * padded, std::uint8_t{0});
-      sizes_[block] = 4 * padded;
+  template <class Step>
+  void attempt(std::unique_lock<std::mutex>& lock, const Step& step) {
+    std::exception_ptr thrown;
+    lock.unlock();
+    try {
+      step();
+    } catch (...) {
+      thrown = std::current_exception();
+    }
+    lock.lock();
+    if (thrown && !failure_) failure_ = thrown;
+  }
+
+  std::size_t first_vertex(std::size_t chunk) const { return chunk % chunk_count_ * chunk_vertices_; }
+
+  void encode(Worker& worker, std::size_t chunk, Slot& slot) const {
+    const Vectors& vectors = all_[chunk / chunk_count_];
+    const std::size_t first = first_vertex(chunk);
+    const std::size_t vertices = std::min(chunk_vertices_, vertices_ - first);
+    std::span<const Eigen::Vector3f> from;
+    if (vectors.make) {
+      vectors.make(first, {worker.made.get(), vertices});
+      from = {worker.made.get(), vertices};
+    } else {
+      from = vectors.in_memory.subspan(first, vertices);
+    }
+    const bool rounds = vectors.precision > 0;
+    const bool is_whole = vertices == chunk_vertices_;
+    if (level_ == 0 && !rounds && is_whole && !vectors.make && std::endian::native == std::endian::little) {
+      slot.bytes = {reinterpret_cast<const std::uint8_t*>(from.data()), from.size_bytes()};
       return;
     }
-    std::uint8_t* out = worker.shuffled.data();  // the lowest bytes of all numbers, then the next ones, ...
+    const double step = rounds ? rounding_step(vectors.precision) : 1;
+    const double inverse_step = 1 / step;
+    const float* const in = from[0].data();
+    const std::size_t count = 3 * vertices;
+    if (rounds) {
+      store(worker, slot, count, [=](std::size_t k) { return round_to_step(in[k], step, inverse_step); });
+    } else {
+      store(worker, slot, count, [in](std::size_t k) { return in[k]; });
+    }
+  }
+
+  template <class Value>
+  void store(Worker& worker, Slot& slot, std::size_t count, const Value& value) const {
+    const std::size_t padded = 3 * chunk_vertices_;
+    if (level_ == 0) {
+      std::uint8_t* const out = slot.room.get();
+      for (std::size_t k = 0; k < count; ++k) {
+        const auto bits = std::bit_cast<std::uint32_t>(value(k));
+        for (int byte = 0; byte < 4; ++byte) out[4 * k + byte] = static_cast<std::uint8_t>(bits >> (8 * byte));
+      }
+      std::fill(out + 4 * count, out + 4 * padded, std::uint8_t{0});
+      slot.bytes = {out, 4 * padded};
+      return;
+    }
+    std::uint8_t* const out = worker.shuffled.get();  // the lowest bytes of all numbers, then the next ones, ...
     for (std::size_t k = 0; k < count; ++k) {
-      const std::uint32_t bits = stored(k);
+      const auto bits = std::bit_cast<std::uint32_t>(value(k));
       for (int byte = 0; byte < 4; ++byte) out[byte * padded + k] = static_cast<std::uint8_t>(bits >> (8 * byte));
     }
     for (int byte = 0; byte < 4; ++byte)
       std::fill(out + byte * padded + count, out + (byte + 1) * padded, std::uint8_t{0});
-    sizes_[block] = libdeflate_zlib_compress(worker.compressor.get(), out, 4 * padded, blocks_[block].data(),
-                                             blocks_[block].size());
+    slot.bytes = {slot.room.get(),
+                  libdeflate_zlib_compress(worker.compressor.get(), out, 4 * padded, slot.room.get(), capacity_)};
   }
 
   std::size_t vertices_;
   int level_;
-  std::size_t block_count_;
-  std::size_t block_vertices_;
+  std::size_t chunk_count_;
+  std::size_t chunk_vertices_;
+  std::size_t capacity_ = 0;
+  Write write_;
   std::vector<Worker> workers_;
-  std::vector<std::vector<std::uint8_t>> blocks_;
-  std::vector<std::size_t> sizes_;
+  std::vector<Slot> slots_;  // chunk c lies in slot c % size
+  std::vector<Vectors> all_;
+
+  // All below is guarded by the mutex.
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::vector<Worker*> idle_;
+  std::size_t count_ = 0;    // chunks of all vectors
+  std::size_t taken_ = 0;    // [0, taken_) were taken
+  std::size_t written_ = 0;  // [0, written_) are written
+  bool is_writing_ = false;
+  std::exception_ptr failure_;
 };
 
 Hdf5Group make_group(hid_t parent, const char* name) {
@@ -231,7 +345,9 @@ void sync_folder(const std::filesystem::path& file) {
 }  // namespace
 
 float round_to_precision(float v, double precision) {
-  return precision > 0 ? round_to_step(v, rounding_step(precision)) : v;
+  if (!(precision > 0)) return v;
+  const double step = rounding_step(precision);
+  return round_to_step(v, step, 1 / step);
 }
 
 struct CacheWriter::Impl {
@@ -239,11 +355,12 @@ struct CacheWriter::Impl {
   std::filesystem::path part;
   CacheOptions options;
   hsize_t vertices;
-  BlockEncoder encoder;
+  ChunkQueue queue;
   CommitFile disk;
   Hdf5File file;
   Hdf5Dataset position, velocity, head, time, number, stretch, penetration;
   hsize_t frames = 0;
+  const CacheFrame* begun = nullptr;
   std::string failure;  // why nothing more can be written
 
   Impl(const std::filesystem::path& final_path, std::filesystem::path part_path, const CacheHeader& header,
@@ -252,11 +369,14 @@ struct CacheWriter::Impl {
         part(std::move(part_path)),
         options(cache_options),
         vertices(header.rest_position.size()),
-        encoder(vertices, options.deflate, options.threads),
+        queue(vertices, options.deflate, options.threads, options.velocity,
+              [this](const Vectors& vectors, std::size_t first, std::span<const std::uint8_t> bytes) {
+                write_chunk(vectors, first, bytes);
+              }),
         disk(part) {}
 
-  Dims block_dims(bool frame) const {
-    const Dims dims = {1, encoder.block_vertices(), 3};
+  Dims chunk_dims(bool frame) const {
+    const Dims dims = {1, queue.chunk_vertices(), 3};
     return frame ? dims : Dims(dims.begin() + 1, dims.end());
   }
 
@@ -289,8 +409,9 @@ struct CacheWriter::Impl {
 
     const Hdf5Group rest_group = make_group(file, "rest");
     const Hdf5Dataset rest =
-        make_dataset(rest_group, "position", H5T_IEEE_F32LE, {vertices, 3}, block_dims(false), options.deflate);
-    write_blocks(rest, header.rest_position, 0, {});
+        make_dataset(rest_group, "position", H5T_IEEE_F32LE, {vertices, 3}, chunk_dims(false), options.deflate);
+    queue.start({{rest, {}, header.rest_position, {}, 0}});
+    write_chunks();
     write_provenance(header);
 
     if (options.stats) {
@@ -300,11 +421,11 @@ struct CacheWriter::Impl {
     }
     const Hdf5Group group = make_group(file, "frames");
     position =
-        make_dataset(group, "position", H5T_IEEE_F32LE, {0, vertices, 3}, block_dims(true), options.deflate, true);
+        make_dataset(group, "position", H5T_IEEE_F32LE, {0, vertices, 3}, chunk_dims(true), options.deflate, true);
     write_attribute(position, "precision", H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, &options.precision);
     if (options.velocity)
       velocity =
-          make_dataset(group, "velocity", H5T_IEEE_F32LE, {0, vertices, 3}, block_dims(true), options.deflate, true);
+          make_dataset(group, "velocity", H5T_IEEE_F32LE, {0, vertices, 3}, chunk_dims(true), options.deflate, true);
     head = make_dataset(group, "head", H5T_IEEE_F64LE, {0, 4, 4}, {kSmallChunkFrames, 4, 4}, 0, true);
     time = make_dataset(group, "time", H5T_IEEE_F64LE, {0}, {kSmallChunkFrames}, 0, true);
     number = make_dataset(group, "number", H5T_STD_I32LE, {0}, {kSmallChunkFrames}, 0, true);
@@ -331,23 +452,25 @@ struct CacheWriter::Impl {
     write_pairs("parameters", "value", header.parameters);
   }
 
-  // `frame` is empty for a data set without frames.
-  void write_blocks(hid_t dataset, std::span<const Eigen::Vector3f> vectors, double precision,
-                    std::optional<hsize_t> frame) {
-    encoder.encode(vectors, precision);
-    for (std::size_t block = 0; block < encoder.block_count(); ++block) {
-      const hsize_t row = block * encoder.block_vertices();
-      const std::array<hsize_t, 3> with_frame = {frame.value_or(0), row, 0};
-      const auto bytes = encoder.block(block);
-      require(H5Dwrite_chunk(dataset, H5P_DEFAULT, 0, with_frame.data() + (frame ? 0 : 1), bytes.size(),
-                             bytes.data()) >= 0);
+  // By whoever finds the chunk ready, one at a time.
+  void write_chunk(const Vectors& vectors, std::size_t first, std::span<const std::uint8_t> bytes) {
+    const QuietHdf5 quiet;
+    if (first == 0 && vectors.frame) {
+      const std::array<hsize_t, 3> dims = {*vectors.frame + 1, vertices, 3};
+      require(H5Dset_extent(vectors.dataset, dims.data()) >= 0);
     }
+    const std::array<hsize_t, 3> with_frame = {vectors.frame.value_or(0), first, 0};
+    const hsize_t* const corner = with_frame.data() + (vectors.frame ? 0 : 1);
+    require(H5Dwrite_chunk(vectors.dataset, H5P_DEFAULT, 0, corner, bytes.size(), bytes.data()) >= 0);
   }
 
-  void append_vectors(hid_t dataset, std::span<const Eigen::Vector3f> vectors, double precision) {
-    const std::array<hsize_t, 3> dims = {frames + 1, vertices, 3};
-    require(H5Dset_extent(dataset, dims.data()) >= 0);
-    write_blocks(dataset, vectors, precision, frames);
+  // What is left of them.
+  void write_chunks() {
+    if (!queue.done()) {
+#pragma omp parallel num_threads(options.threads)
+      queue.work(true);
+    }
+    queue.rethrow();
   }
 
   void append_small(hid_t dataset, hid_t type, const void* values, Dims dims = {1}) {
@@ -373,8 +496,7 @@ struct CacheWriter::Impl {
   }
 
   void append(const CacheFrame& frame) {
-    append_vectors(position, frame.position, options.precision);
-    if (options.velocity) append_vectors(velocity, frame.velocity, 0);
+    write_chunks();
     if (options.stats) {
       append_small(stretch, H5T_NATIVE_FLOAT, &frame.stats.largest_stretch);
       append_small(penetration, H5T_NATIVE_FLOAT, &frame.stats.deepest_penetration);
@@ -394,6 +516,14 @@ struct CacheWriter::Impl {
     require_disk();
   }
 
+  // Leaves the file as the last commit has it, which must be on the device all the same.
+  void drop() {
+    disk.sync();
+    const QuietHdf5 quiet;
+    disk.abandon();
+    failure = fmt::format("{}: was closed in the middle of a frame", part.string());
+  }
+
   void mark_complete() {
     disk.sync();  // the mark must not reach the device before what it vouches for
     require_disk();
@@ -402,7 +532,9 @@ struct CacheWriter::Impl {
     require(H5Awrite(attribute, H5T_NATIVE_UINT8, &complete) >= 0);
   }
 
-  bool open() const { return file >= 0; }
+  bool open() const {
+    return file >= 0;
+  }
 
   // Runs a step that writes. Whatever goes wrong, nothing of the step reaches the file, and nothing after it.
   template <class Step>
@@ -446,33 +578,59 @@ CacheWriter::CacheWriter(const std::filesystem::path& path, const CacheHeader& h
 
 CacheWriter::~CacheWriter() {
   if (impl_ == nullptr || !impl_->open()) return;
-  try {
-    close();
-  } catch (...) {
-    // Who wants to know calls close().
+  if (impl_->frames == 0 && impl_->failure.empty()) {
+    impl_->disk.abandon();
+    std::error_code ignored;
+    std::filesystem::remove(impl_->part, ignored);  // without a frame it is of no use
+  } else {
+    try {
+      close();
+    } catch (...) {
+      // Who wants to know calls close().
+    }
   }
   const QuietHdf5 quiet;
   impl_.reset();
 }
 
-void CacheWriter::write(const CacheFrame& frame) {
+void CacheWriter::begin(const CacheFrame& frame) {
   if (!impl_->failure.empty()) throw DiskError(impl_->failure);
   if (!impl_->open()) throw std::logic_error("cache: a frame after finish() or close()");
+  if (impl_->begun != nullptr) throw std::logic_error("cache: a frame before the last one was ended");
   if (frame.position.size() != impl_->vertices)
     throw std::invalid_argument("cache: a position for each vertex is needed");
-  if (frame.velocity.size() != (impl_->options.velocity ? impl_->vertices : 0))
-    throw std::invalid_argument("cache: a velocity for each vertex where the cache has velocities, else none");
+  if (static_cast<bool>(frame.velocity) != impl_->options.velocity)
+    throw std::invalid_argument("cache: velocities are needed where the cache has them, and only there");
+  std::vector<Vectors> vectors = {{impl_->position, impl_->frames, frame.position, {}, impl_->options.precision}};
+  if (frame.velocity) vectors.push_back({impl_->velocity, impl_->frames, {}, frame.velocity, 0});
+  impl_->queue.start(std::move(vectors));
+  impl_->begun = &frame;
+}
+
+void CacheWriter::work(bool may_wait) {
+  if (impl_->begun != nullptr) impl_->queue.work(may_wait);
+}
+
+void CacheWriter::end() {
+  if (impl_->begun == nullptr) throw std::logic_error("cache: a frame is ended that was not begun");
+  const CacheFrame& frame = *std::exchange(impl_->begun, nullptr);
   impl_->attempt(fmt::format("write frame {}", frame.number), [&] { impl_->append(frame); });
 }
 
 void CacheWriter::close() {
   if (!impl_->failure.empty() || !impl_->open()) return;  // a failure has been told
+  if (impl_->begun != nullptr) {
+    impl_->begun = nullptr;
+    impl_->drop();
+    return;
+  }
   impl_->attempt("be closed", [&] { impl_->close_file(); });
 }
 
 void CacheWriter::finish() {
   if (!impl_->failure.empty()) throw DiskError(impl_->failure);
   if (!impl_->open()) throw std::logic_error("cache: finish() after finish() or close()");
+  if (impl_->begun != nullptr) throw std::logic_error("cache: finish() before the last frame was ended");
   impl_->attempt("be finished", [&] {
     impl_->mark_complete();
     impl_->close_file();

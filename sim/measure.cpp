@@ -15,10 +15,10 @@ std::vector<float> rest_lengths(const Groom& groom) {
   return length;
 }
 
-float largest_stretch(std::span<const Eigen::Vector3f> position, std::span<const float> rest_length, int threads) {
+float largest_stretch(std::span<const Eigen::Vector3f> position, std::span<const float> rest_length,
+                      VertexRange range) {
   double largest = 0;
-#pragma omp parallel for num_threads(threads) reduction(max : largest)
-  for (std::size_t v = 1; v < position.size(); ++v) {
+  for (std::size_t v = std::max<std::size_t>(range.first, 1); v < range.last; ++v) {
     if (rest_length[v] < 1e-5f) continue;
     const double length = (position[v].cast<double>() - position[v - 1].cast<double>()).norm();
     largest = std::max(largest, std::abs(length / rest_length[v] - 1));
@@ -27,10 +27,9 @@ float largest_stretch(std::span<const Eigen::Vector3f> position, std::span<const
 }
 
 float deepest_penetration(std::span<const Eigen::Vector3f> position, std::span<const std::uint8_t> pinned,
-                          std::span<const Sphere> spheres, int threads) {
+                          std::span<const Sphere> spheres, VertexRange range) {
   double deepest = 0;
-#pragma omp parallel for num_threads(threads) reduction(max : deepest)
-  for (std::size_t v = 0; v < position.size(); ++v) {
+  for (std::size_t v = range.first; v < range.last; ++v) {
     if (pinned[v]) continue;
     for (const Sphere& sphere : spheres) {
       deepest = std::max(deepest, sphere.radius - (position[v].cast<double>() - sphere.center).norm());

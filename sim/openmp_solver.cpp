@@ -3,16 +3,21 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <atomic>
+#include <bit>
 #include <cmath>
+#include <limits>
 #include <new>
 #include <numeric>
 #include <stdexcept>
 #include <string>
 #include <tuple>
+#include <type_traits>
 #include <utility>
 
 #include "sim/block.h"
 #include "sim/gusts.h"
+#include "sim/parallel.h"
 #include "sim/passes/edge_length.h"
 #include "sim/passes/local_shape.h"
 #include "sim/passes/stiffness.h"
@@ -314,12 +319,46 @@ bool asks_the_same(const RegionStep<Scalar>& a, const RegionStep<Scalar>& b) {
          a.local_method == b.local_method && a.length_iterations == b.length_iterations;
 }
 
+// Whether no exponent of so many numbers is that of infinity and NaN.
+template <class Scalar>
+bool all_finite(const Scalar* numbers, std::size_t count) {
+  using Bits = std::conditional_t<sizeof(Scalar) == 4, std::uint32_t, std::uint64_t>;
+  constexpr Bits kExponent = std::bit_cast<Bits>(std::numeric_limits<Scalar>::infinity());
+  Bits found = 0;
+  // One more than a full exponent carries into the sign.
+  for (std::size_t k = 0; k < count; ++k) {
+    found |= (std::bit_cast<Bits>(numbers[k]) & kExponent) + (Bits{1} << (std::numeric_limits<Scalar>::digits - 1));
+  }
+  return found >> (8 * sizeof(Bits) - 1) == 0;
+}
+
+// Strands that are read together.
+constexpr int kLanesAtOnce = 4;
+
+// The first `count` vertices of four strands in neighbouring lanes, and + 0 as in read_block(). Writes one number
+// beyond the last vertex, so that a vertex takes one store and not three.
+void read_lanes(const float* rows, std::size_t width, float* const (&to)[kLanesAtOnce], std::size_t count) {
+  typedef float Four __attribute__((vector_size(16), aligned(4), may_alias));
+  const auto load = [](const float* p) { return *reinterpret_cast<const Four*>(p); };
+  const auto store = [](float* p, Four v) { *reinterpret_cast<Four*>(p) = v; };
+  float *a = to[0], *b = to[1], *c = to[2], *d = to[3];
+  for (std::size_t i = 0; i < count; ++i, rows += 3 * width, a += 3, b += 3, c += 3, d += 3) {
+    const Four x = load(rows) + 0.0f, y = load(rows + width) + 0.0f, z = load(rows + 2 * width) + 0.0f;
+    const Four low = __builtin_shufflevector(x, y, 0, 4, 1, 5), high = __builtin_shufflevector(x, y, 2, 6, 3, 7);
+    store(a, __builtin_shufflevector(low, z, 0, 1, 4, 4));
+    store(b, __builtin_shufflevector(low, z, 2, 3, 5, 5));
+    store(c, __builtin_shufflevector(high, z, 0, 1, 6, 6));
+    store(d, __builtin_shufflevector(high, z, 2, 3, 7, 7));
+  }
+}
+
 template <class Scalar>
 class OpenMPSolver final : public Solver {
  public:
   OpenMPSolver(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head, const SolverOptions& options);
 
-  void advance(const FrameInput& input) override;
+  using Solver::advance;
+  void advance(const FrameInput& input, std::span<Eigen::Vector3f> out, const Alongside& alongside) override;
   void read(std::span<Eigen::Vector3f> out) const override { read_as(out); }
   void read(std::span<Eigen::Vector3d> out) const override { read_as(out); }
   std::optional<NonFinite> find_non_finite() const override;
@@ -333,12 +372,17 @@ class OpenMPSolver final : public Solver {
   void mark_repeats(std::vector<RegionStep<Scalar>>& regions, std::vector<Substep<Scalar>>& substeps);
   template <class Out>
   void read_as(std::span<Out> out) const;
+  template <class Out>
+  void read_block(const Placed<Scalar>& placed, const Scalar* now, std::span<Out> out) const;
+  const Scalar* newest(const Placed<Scalar>& placed) const {
+    return swapped_ ? placed.block.previous : placed.block.position;
+  }
 
-  Scalar* vector_row(Scalar* array, std::size_t vertex, int lane) const {
-    return array + vertex * 3 * static_cast<std::size_t>(layout_.width) + lane;
+  std::size_t row_at(std::size_t vertex, int lane) const {
+    return vertex * 3 * static_cast<std::size_t>(layout_.width) + static_cast<std::size_t>(lane);
   }
   void store(Scalar* array, std::size_t vertex, int lane, Vec3<Scalar> v) const {
-    Scalar* row = vector_row(array, vertex, lane);
+    Scalar* row = array + row_at(vertex, lane);
     row[0] = v.x;
     row[layout_.width] = v.y;
     row[2 * layout_.width] = v.z;
@@ -358,6 +402,7 @@ class OpenMPSolver final : public Solver {
   std::vector<Workspace<Scalar>> workspace_;  // [threads]
   WorkCount work_;
   bool swapped_ = false;       // the newest positions stand in Block::previous
+  bool all_finite_ = false;    // advance() has seen every position; false tells nothing
   double substep_before_ = 0;  // [s], 0 before the first frame
   // The last substep of the frame before and the regions in it: what they repeat, hair at rest need not go through.
   std::vector<RegionStep<Scalar>> regions_before_;
@@ -380,8 +425,12 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
   layout_.lay_out(plan, state_.data());
   const HeadTransform<Scalar> start(head);
   const auto block_count = static_cast<std::ptrdiff_t>(layout_.blocks.size());
+  FirstException failure;
 #pragma omp parallel for num_threads(options.threads) schedule(dynamic, 8)
-  for (std::ptrdiff_t b = 0; b < block_count; ++b) fill(groom, start, layout_.blocks[static_cast<std::size_t>(b)]);
+  for (std::ptrdiff_t b = 0; b < block_count; ++b) {
+    failure.guard([&] { fill(groom, start, layout_.blocks[static_cast<std::size_t>(b)]); });
+  }
+  failure.rethrow();
 
   // A page or more apart, so that threads share no cache line.
   const std::size_t row = layout_.longest * static_cast<std::size_t>(layout_.width);
@@ -540,8 +589,12 @@ void OpenMPSolver<Scalar>::mark_repeats(std::vector<RegionStep<Scalar>>& regions
 }
 
 template <class Scalar>
-void OpenMPSolver<Scalar>::advance(const FrameInput& input) {
+void OpenMPSolver<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vector3f> out,
+                                   const Alongside& alongside) {
   check_against_plan(input);
+  if (!out.empty() && out.size() != offset_.back()) {
+    throw std::invalid_argument("positions are asked for in a place that does not hold one for each vertex");
+  }
   std::vector<RegionStep<Scalar>> regions;
   for (const RegionParams& params : input.regions)
     regions.push_back(region_step(params, plan_.regions[regions.size()], input));
@@ -572,19 +625,34 @@ void OpenMPSolver<Scalar>::advance(const FrameInput& input) {
 
   mark_repeats(regions, substeps);
 
+  const bool ends_swapped = swapped_ != (count % 2 == 1);
   const auto block_count = static_cast<std::ptrdiff_t>(layout_.blocks.size());
-#pragma omp parallel for num_threads(options_.threads) schedule(dynamic, 8)
-  for (std::ptrdiff_t b = 0; b < block_count; ++b) {
-    Placed<Scalar>& placed = layout_.blocks[static_cast<std::size_t>(b)];
-    Block<Scalar> block = placed.block;
-    if (swapped_) std::swap(block.position, block.previous);
-    advance_block_(block, regions[placed.region], substeps.data(), static_cast<int>(count),
-                   workspace_[static_cast<std::size_t>(omp_get_thread_num())]);
-    placed.block.at_rest = block.at_rest;
+  std::atomic<bool> finite = true;
+  FirstException failure;
+#pragma omp parallel num_threads(options_.threads)
+  {
+    if (alongside) failure.guard([&] { alongside(true); });
+    Workspace<Scalar>& workspace = workspace_[static_cast<std::size_t>(omp_get_thread_num())];
+#pragma omp for schedule(dynamic, 8) nowait
+    for (std::ptrdiff_t b = 0; b < block_count; ++b) {
+      Placed<Scalar>& placed = layout_.blocks[static_cast<std::size_t>(b)];
+      Block<Scalar> block = placed.block;
+      if (swapped_) std::swap(block.position, block.previous);
+      advance_block_(block, regions[placed.region], substeps.data(), static_cast<int>(count), workspace);
+      placed.block.at_rest = block.at_rest;
+      const Scalar* const now = ends_swapped ? placed.block.previous : placed.block.position;
+      if (!all_finite(now, row_at(static_cast<std::size_t>(block.vertices), 0))) {
+        finite.store(false, std::memory_order_relaxed);
+      }
+      if (!out.empty()) read_block(placed, now, out);
+    }
+    if (alongside) failure.guard([&] { alongside(false); });
   }
-  if (count % 2 == 1) swapped_ = !swapped_;
+  swapped_ = ends_swapped;
+  all_finite_ = finite;
   substep_before_ = input.substep;
   for (Workspace<Scalar>& workspace : workspace_) move_count(workspace.work, work_);
+  failure.rethrow();
 }
 
 template <class Scalar>
@@ -594,15 +662,38 @@ void OpenMPSolver<Scalar>::read_as(std::span<Out> out) const {
 #pragma omp parallel for num_threads(options_.threads) schedule(static)
   for (std::ptrdiff_t b = 0; b < block_count; ++b) {
     const Placed<Scalar>& placed = layout_.blocks[static_cast<std::size_t>(b)];
-    Scalar* const newest = swapped_ ? placed.block.previous : placed.block.position;
-    for (int lane = 0; lane < placed.count; ++lane) {
-      const std::size_t strand = layout_.strand_order[placed.first + static_cast<std::size_t>(lane)];
-      for (std::uint64_t v = offset_[strand]; v < offset_[strand + 1]; ++v) {
-        const Scalar* row = vector_row(newest, v - offset_[strand], lane);
-        using Component = typename Out::Scalar;
-        // Adding 0 makes -0 to 0: which of them it is may depend on what was skipped, and nothing else does.
-        out[v] = Out(static_cast<Component>(row[0]) + 0, static_cast<Component>(row[layout_.width]) + 0,
-                     static_cast<Component>(row[2 * layout_.width]) + 0);
+    read_block(placed, newest(placed), out);
+  }
+}
+
+// Adding 0 makes -0 to 0: which of them it is may depend on what was skipped, and nothing else does.
+template <class Scalar>
+template <class Out>
+void OpenMPSolver<Scalar>::read_block(const Placed<Scalar>& placed, const Scalar* now, std::span<Out> out) const {
+  using Component = typename Out::Scalar;
+  const auto width = static_cast<std::size_t>(layout_.width);
+  for (int lane = 0; lane < placed.count; lane += kLanesAtOnce) {
+    const int lanes = std::min(kLanesAtOnce, placed.count - lane);
+    Component* to[kLanesAtOnce];
+    std::size_t count[kLanesAtOnce];
+    for (int k = 0; k < lanes; ++k) {
+      const std::size_t strand = layout_.strand_order[placed.first + static_cast<std::size_t>(lane + k)];
+      to[k] = out[offset_[strand]].data();
+      count[k] = offset_[strand + 1] - offset_[strand];
+    }
+    std::size_t done = 0;
+    if constexpr (sizeof(Scalar) == 4 && sizeof(Component) == 4) {
+      if (lanes == kLanesAtOnce) {
+        done = *std::min_element(std::begin(count), std::end(count)) - 1;
+        read_lanes(now + lane, width, to, done);
+      }
+    }
+    for (int k = 0; k < lanes; ++k) {
+      for (std::size_t i = done; i < count[k]; ++i) {
+        const Scalar* const row = now + row_at(i, lane + k);
+        to[k][3 * i] = static_cast<Component>(row[0]) + 0;
+        to[k][3 * i + 1] = static_cast<Component>(row[width]) + 0;
+        to[k][3 * i + 2] = static_cast<Component>(row[2 * width]) + 0;
       }
     }
   }
@@ -611,8 +702,11 @@ void OpenMPSolver<Scalar>::read_as(std::span<Out> out) const {
 template <class Scalar>
 std::optional<NonFinite> OpenMPSolver<Scalar>::find_non_finite() const {
   std::optional<NonFinite> found;
+  if (all_finite_) return found;
   for (const Placed<Scalar>& placed : layout_.blocks) {
-    Scalar* const newest = swapped_ ? placed.block.previous : placed.block.position;
+    const Scalar* const now = newest(placed);
+    // Padding may spoil a block whose strands are all well.
+    if (all_finite(now, row_at(static_cast<std::size_t>(placed.block.vertices), 0))) continue;
     for (int lane = 0; lane < placed.count; ++lane) {
       const std::size_t strand = layout_.strand_order[placed.first + static_cast<std::size_t>(lane)];
       if (found && found->strand < strand) continue;
@@ -620,9 +714,8 @@ std::optional<NonFinite> OpenMPSolver<Scalar>::find_non_finite() const {
       const std::size_t count = offset_[strand + 1] - offset_[strand];
       for (std::size_t k = 0; k < count; ++k) {
         const std::size_t i = (k + 2) % count;
-        const Scalar* row = vector_row(newest, i, lane);
-        // The sum of three numbers is not finite if one of them is not.
-        if (!std::isfinite(row[0] + row[layout_.width] + row[2 * layout_.width])) {
+        const Scalar* row = now + row_at(i, lane);
+        if (!std::isfinite(row[0]) || !std::isfinite(row[layout_.width]) || !std::isfinite(row[2 * layout_.width])) {
           found = NonFinite{strand, i};
           break;
         }

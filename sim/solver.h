@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -24,14 +25,23 @@ class Solver {
  public:
   virtual ~Solver() = default;
 
-  // One film frame: input.substeps() substeps of Algorithm 1. Throws std::invalid_argument where the input asks for
-  // something that the plan left out, or its parts differ in length.
-  virtual void advance(const FrameInput& input) = 0;
+  // Work that the threads of advance() do beside it. Each thread calls it twice: with true before it takes part in the
+  // simulation, so that it should rather return than wait for others, and with false when no hair is left to take.
+  using Alongside = std::function<void(bool hair_is_left)>;
+
+  // One film frame: input.substeps() substeps of Algorithm 1.
+  // `out`: empty, or one entry per vertex, which gets what read() would give, while it still lies in cache.
+  // `alongside`: empty, or other work for the same threads. What it throws leaves advance() when the frame is done.
+  // Throws std::invalid_argument where the input asks for something that the plan left out, or its parts differ in
+  // length, or `out` has another size.
+  virtual void advance(const FrameInput& input, std::span<Eigen::Vector3f> out, const Alongside& alongside) = 0;
+  void advance(const FrameInput& input) { advance(input, {}, {}); }
 
   // Positions now, world [m], in the order of the groom; `out` holds one entry per vertex.
   virtual void read(std::span<Eigen::Vector3f> out) const = 0;
   virtual void read(std::span<Eigen::Vector3d> out) const = 0;
 
+  // Costs nothing where advance() met finite numbers only.
   virtual std::optional<NonFinite> find_non_finite() const = 0;
 
   // Bytes that the solver holds between frames.

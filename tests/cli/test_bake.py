@@ -271,6 +271,8 @@ def test_a_stopped_bake_leaves_its_finished_frames(shot, stop):
         assert file.attrs["complete"] == 0
         number = file["frames/number"][:]
         found = file["frames/position"][:]
+    told = [event["frame"] for event in map(json.loads, out.splitlines()) if event["event"] == "frame"]
+    assert told[-1] == number[-1]  # what is said to be written is, and nothing else
     assert len(number) >= 5 and f"before frame {number[-1] + 1}" in error["message"]
     undisturbed = positions(shot.bake("--set", f"bake.frames=1-{number[-1]}", out="whole.h5"))
     np.testing.assert_array_equal(found, undisturbed)
@@ -471,6 +473,9 @@ def test_velocity_is_the_way_from_the_frame_before(shot):
     np.testing.assert_array_equal(velocity[1:], (frames[1:] - frames[:-1]) * np.float32(24))
     part = read(shot.bake("--frames", "3", out="part.h5"))
     np.testing.assert_array_equal(part["frames/velocity"][0], velocity[2])
+    rolled = read(shot.bake("--set", "bake.preroll=3", out="rolled.h5"))
+    longer = read(shot.bake("--set", "bake.frames=-2-4", out="longer.h5"))  # the head stands still in both
+    np.testing.assert_array_equal(rolled["frames/velocity"], longer["frames/velocity"][3:])
 
 
 def test_time_and_frame_rate(shot):

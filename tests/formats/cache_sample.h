@@ -1,6 +1,7 @@
 // A small groom and its frames for the tests of the cache. Every number can be computed again exactly, in Python too.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <vector>
@@ -42,8 +43,10 @@ inline CacheHeader sample_header(std::uint64_t strands) {
 struct SampleFrame {
   std::vector<Eigen::Vector3f> position;
   std::vector<Eigen::Vector3f> velocity;
-  CacheFrame frame;
+  CacheFrame frame;  // refers to the two above
 
+  SampleFrame(const SampleFrame&) = delete;
+  SampleFrame& operator=(const SampleFrame&) = delete;
   SampleFrame(const CacheHeader& header, const CacheOptions& options, int number) {
     const Eigen::Vector3f step(0.25F, 0.5F, -0.125F);
     for (const Eigen::Vector3f& rest : header.rest_position) {
@@ -53,7 +56,11 @@ struct SampleFrame {
     frame.number = number;
     frame.time = number / header.fps;
     frame.position = position;
-    frame.velocity = velocity;
+    if (options.velocity) {
+      frame.velocity = [this](std::size_t first, std::span<Eigen::Vector3f> out) {
+        std::copy_n(velocity.begin() + static_cast<std::ptrdiff_t>(first), out.size(), out.begin());
+      };
+    }
     Eigen::Matrix3d quarter;
     quarter << 0, 0, 1, 0, 1, 0, -1, 0, 0;
     for (int turn = 0; turn < number % 4; ++turn) frame.head.rotate(quarter);

@@ -15,7 +15,10 @@
 #include <fstream>
 #include <functional>
 #include <limits>
+#include <new>
 #include <random>
+#include <stdexcept>
+#include <thread>
 
 #include "formats/digest.h"
 #include "tests/formats/cache_sample.h"
@@ -243,6 +246,88 @@ TEST_CASE("the bytes of a cache depend neither on the threads nor on the run") {
   }
 }
 
+TEST_CASE("a frame that any number of threads write has the same bytes") {
+  const Folder folder;
+  const CacheHeader header = sample_header(8000);
+  for (const int deflate : {0, 1})
+    for (const double precision : {0.0, 1e-5}) {
+      const CacheOptions options = {deflate, precision, true, true, 3};
+      write_sample(folder / "a.h5", header, options, 1, 4);
+      const std::string digest = sha256_file(folder / "a.h5");
+      for (const int threads : {1, 2, 3, 7}) {  // more than the options have room for, too
+        CAPTURE(deflate, precision, threads);
+        CacheWriter writer(folder / "b.h5", header, options);
+        for (int number = 1; number <= 4; ++number) {
+          const SampleFrame sample(header, options, number);
+          writer.begin(sample.frame);
+          std::vector<std::thread> workers;
+          for (int thread = 0; thread < threads; ++thread)
+            workers.emplace_back([&writer, thread] { writer.work(thread % 2 == 1); });
+          for (std::thread& worker : workers) worker.join();
+          writer.end();
+        }
+        writer.finish();
+        CHECK(sha256_file(folder / "b.h5") == digest);
+      }
+    }
+}
+
+TEST_CASE("work without a frame does nothing, and frames do not overlap") {
+  const Folder folder;
+  const CacheHeader header = sample_header(3);
+  const SampleFrame sample(header, {}, 1);
+  CacheWriter writer(folder / "a.h5", header, {});
+  writer.work(true);
+  CHECK_THROWS_AS(writer.end(), std::logic_error);
+  writer.begin(sample.frame);
+  CHECK_THROWS_AS(writer.begin(sample.frame), std::logic_error);
+  CHECK_THROWS_AS(writer.finish(), std::logic_error);
+  writer.end();
+  writer.work(true);
+  writer.finish();
+  check_frames(CacheReader(folder / "a.h5"), header, {}, 1, 1);
+}
+
+TEST_CASE("a frame that was begun and not ended is dropped") {
+  const Folder folder;
+  const CacheHeader header = sample_header(8000);
+  const bool closes = GENERATE(true, false);
+  {
+    CacheWriter writer(folder / "a.h5", header, {});
+    writer.write(SampleFrame(header, {}, 1).frame);
+    {
+      const SampleFrame sample(header, {}, 2);
+      writer.begin(sample.frame);
+      writer.work(true);
+    }
+    if (closes) {
+      writer.close();
+      CHECK_THROWS_AS(writer.finish(), DiskError);
+    }
+  }
+  check_frames(CacheReader(folder / "a.h5.part"), header, {}, 1, 1);
+}
+
+TEST_CASE("what goes wrong in a thread is told at the end of the frame, and the frames before it stay") {
+  const Folder folder;
+  const CacheHeader header = sample_header(8000);
+  const CacheOptions options = {.velocity = true, .threads = 3};
+  CacheWriter writer(folder / "a.h5", header, options);
+  writer.write(SampleFrame(header, options, 1).frame);
+  SampleFrame sample(header, options, 2);
+  sample.frame.velocity = [](std::size_t first, std::span<Eigen::Vector3f>) {
+    if (first > 0) throw std::bad_alloc();
+  };
+  writer.begin(sample.frame);
+  std::vector<std::thread> workers;
+  for (int thread = 0; thread < 3; ++thread) workers.emplace_back([&writer] { writer.work(true); });
+  for (std::thread& worker : workers) worker.join();
+  CHECK_THROWS_AS(writer.end(), std::bad_alloc);
+  CHECK_THROWS_WITH(writer.begin(sample.frame), Catch::Contains("cannot write frame 2"));
+  writer.close();
+  check_frames(CacheReader(folder / "a.h5.part"), header, options, 1, 1);
+}
+
 TEST_CASE("rounding to a precision stays within its bound") {
   std::mt19937 random(7);
   for (const double precision : {1e-5, 1e-4, 1e-3, 0.25, 1e-7, 3e-2}) {
@@ -323,6 +408,15 @@ TEST_CASE("close leaves a readable .part and ends the writing") {
   check_frames(CacheReader(folder / "a.h5.part"), header, {}, 1, 1);
   CHECK_THROWS_AS(writer.write(SampleFrame(header, {}, 2).frame), std::logic_error);
   CHECK_THROWS_AS(writer.finish(), std::logic_error);
+}
+
+TEST_CASE("a cache that is given up before its first frame leaves nothing, unless it was closed") {
+  const Folder folder;
+  const CacheHeader header = sample_header(2);
+  { const CacheWriter writer(folder / "a.h5", header, {}); }
+  CHECK(fs::is_empty(folder.path));
+  CacheWriter(folder / "a.h5", header, {}).close();
+  check_frames(CacheReader(folder / "a.h5.part"), header, {}, 1, 0);
 }
 
 TEST_CASE("nothing can be written after finish") {
@@ -605,7 +699,7 @@ TEST_CASE("a second writer of the same file is refused, and the first one goes o
 TEST_CASE("a full disk is told at once, and leaves the frames before it and the old cache") {
   const Folder folder;
   const CacheHeader header = sample_header(2000);
-  const CacheOptions options = {.deflate = 0};
+  const CacheOptions options = {.deflate = 0, .threads = GENERATE(1, 3)};
   write_sample(folder / "a.h5", header, options, 1, 1);
   const std::string old_digest = sha256_file(folder / "a.h5");
   // One frame takes 192 kB and the beginning takes 240 kB; the odd sizes fall into metadata and small data sets as

@@ -1,6 +1,10 @@
 // What must not change the result: the method where all three agree, rest, the place of the scene in the world,
 // threads, lanes, and the other strands of the groom.
+#include <atomic>
 #include <catch2/catch.hpp>
+#include <new>
+#include <span>
+#include <stdexcept>
 
 #include "tests/sim/harness.h"
 
@@ -338,5 +342,48 @@ TEST_CASE("positions read as floats are the double ones, rounded") {
     solver->read(doubles);
     solver->read(floats);
     for (std::size_t v = 0; v < floats.size(); ++v) REQUIRE(floats[v] == doubles[v].cast<float>());
+  }
+}
+
+TEST_CASE("the positions that advance gives are those that read gives") {
+  const Shot shot = busy_shot();
+  const Precision precision = GENERATE(Precision::Float, Precision::Double);
+  const int threads = GENERATE(1, 3);
+  for (const int lanes : available_lanes()) {
+    const auto solver = make_openmp_solver(shot.groom, plan_of(shot), shot.head(0), {precision, threads, lanes});
+    std::vector<Eigen::Vector3f> given(shot.groom.vertex_count()), read(shot.groom.vertex_count());
+    for (int frame = 1; frame <= 3; ++frame) {
+      solver->advance(frame_input(shot, frame), given, {});
+      solver->read(read);
+      REQUIRE(given == read);
+    }
+    CHECK_THROWS_AS(solver->advance(frame_input(shot, 4), std::span(given).first(1), {}), std::invalid_argument);
+  }
+}
+
+TEST_CASE("other work for the threads is done before and after theirs, and changes nothing") {
+  const Shot shot = busy_shot();
+  const auto alone = make_openmp_solver(shot.groom, plan_of(shot), shot.head(0), {});
+  const auto accompanied = make_openmp_solver(shot.groom, plan_of(shot), shot.head(0), {.threads = 3});
+  std::atomic<int> before = 0, after = 0;
+  alone->advance(frame_input(shot, 1));
+  accompanied->advance(frame_input(shot, 1), {}, [&](bool hair_is_left) { ++(hair_is_left ? before : after); });
+  CHECK(before == 3);
+  CHECK(after == 3);
+  // What it throws comes out when the frame is done.
+  const bool fails_before = GENERATE(true, false);
+  alone->advance(frame_input(shot, 2));
+  CHECK_THROWS_AS(accompanied->advance(frame_input(shot, 2), {},
+                                       [&](bool hair_is_left) {
+                                         if (hair_is_left == fails_before) throw std::bad_alloc();
+                                       }),
+                  std::bad_alloc);
+  Points expected(shot.groom.vertex_count()), found(shot.groom.vertex_count());
+  for (int frame = 3; frame <= 4; ++frame) {
+    alone->read(expected);
+    accompanied->read(found);
+    CHECK(same_bits(expected, found));
+    alone->advance(frame_input(shot, frame));
+    accompanied->advance(frame_input(shot, frame));
   }
 }

@@ -20,6 +20,7 @@
 #include "cli/version.h"
 #include "formats/cache.h"
 #include "formats/shot.h"
+#include "sim/large_array.h"
 #include "sim/measure.h"
 #include "sim/solver.h"
 
@@ -130,7 +131,7 @@ class Bake {
     }
     shot_.groom = {};  // the solver has its own copy
     for (Positions& positions : positions_) {
-      if (&positions != &positions_[kBefore] || velocity_) positions.reset(new Eigen::Vector3f[vertex_count_]);
+      if (&positions != &positions_[kBefore] || velocity_) positions = Positions(vertex_count_);
     }
   }
 
@@ -157,8 +158,8 @@ class Bake {
                       frame, bad->strand, bad->vertex)};
     }
     if (!needed) return;
-    if (velocity_) positions_[kBefore].swap(positions_[kNow]);
-    positions_[kNow].swap(positions_[kNext]);
+    if (velocity_) std::swap(positions_[kBefore], positions_[kNow]);
+    std::swap(positions_[kNow], positions_[kNext]);
     if (frame >= written_.first) begin(frame);
   }
 
@@ -183,12 +184,12 @@ class Bake {
   };
 
  private:
-  using Positions = std::unique_ptr<Eigen::Vector3f[]>;
+  using Positions = LargeArray<Eigen::Vector3f>;
   // The places of positions: of the frame that is simulated, of the one that is written, and of the one before it, from
   // which velocities are made.
   enum { kNext, kNow, kBefore };
   std::span<Eigen::Vector3f> positions(int place) const {
-    return {positions_[place].get(), vertex_count_};
+    return {positions_[place].data(), vertex_count_};
   }
 
   void begin(int frame) {

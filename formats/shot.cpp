@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 #include <stdexcept>
+#include <utility>
 
 #include "formats/digest.h"
 #include "formats/groom_file.h"
@@ -39,10 +40,15 @@ struct FileStrands {
   std::size_t count;
 };
 
-void append(Groom& all, const Groom& more, const Placement& place) {
+void append(Groom& all, Groom more, const Placement& place) {
+  if (all.strand_count() == 0) {  // most grooms are one file, and large
+    for (Eigen::Vector3d& p : more.position) p = place(p);
+    all = std::move(more);
+    return;
+  }
   const std::size_t first_vertex = all.vertex_count();
   const bool pins = !all.pinned.empty() || !more.pinned.empty();
-  const bool uvs = all.strand_count() == 0 ? !more.root_uv.empty() : !all.root_uv.empty() && !more.root_uv.empty();
+  const bool uvs = !all.root_uv.empty() && !more.root_uv.empty();
   if (pins) all.pinned.resize(first_vertex, 0);
   all.position.reserve(first_vertex + more.vertex_count());
   for (const Eigen::Vector3d& p : more.position) all.position.push_back(place(p));
@@ -263,11 +269,11 @@ void load_groom(Shot& shot, Faults& faults, Warnings& warnings) {
       continue;
     }
     try {
-      const Groom part = read_groom(path, warnings);
+      Groom part = read_groom(path, warnings);
       const Placement place = make_placement(scene.groom, file.units.empty() ? scene.groom.units : file.units,
                                              file.up.empty() ? scene.groom.up : file.up);
       files.push_back({file.file, shot.groom.strand_count(), part.strand_count()});
-      append(shot.groom, part, place);
+      append(shot.groom, std::move(part), place);
     } catch (const InputError& error) {
       faults.push_back({scene.place(key), error.what()});
       complete = false;

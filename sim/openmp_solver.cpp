@@ -1,5 +1,4 @@
 #include <omp.h>
-#include <sys/mman.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -17,6 +16,7 @@
 
 #include "sim/block.h"
 #include "sim/gusts.h"
+#include "sim/large_array.h"
 #include "sim/parallel.h"
 #include "sim/passes/edge_length.h"
 #include "sim/passes/local_shape.h"
@@ -48,34 +48,6 @@ const LaneKernels& choose_kernels(int lanes) {
   }
   throw std::invalid_argument("this machine cannot run " + std::to_string(lanes) + " lanes");
 }
-
-// Zeroed memory that costs nothing until it is touched, in large pages where the system has them.
-template <class Scalar>
-class StateArray {
- public:
-  StateArray() = default;
-  explicit StateArray(std::size_t count) : bytes_(count * sizeof(Scalar)) {
-    if (bytes_ == 0) return;
-    constexpr int kRead = PROT_READ | PROT_WRITE, kPrivate = MAP_PRIVATE | MAP_ANONYMOUS;
-    memory_ = ::mmap(nullptr, bytes_, kRead, kPrivate, -1, 0);
-    if (memory_ == MAP_FAILED) throw std::bad_alloc();
-    ::madvise(memory_, bytes_, MADV_HUGEPAGE);
-  }
-  StateArray(StateArray&& other) noexcept { *this = std::move(other); }
-  StateArray& operator=(StateArray&& other) noexcept {
-    std::swap(memory_, other.memory_);
-    std::swap(bytes_, other.bytes_);
-    return *this;
-  }
-  ~StateArray() {
-    if (bytes_ != 0) ::munmap(memory_, bytes_);
-  }
-  Scalar* data() const { return static_cast<Scalar*>(memory_); }
-
- private:
-  void* memory_ = nullptr;
-  std::size_t bytes_ = 0;
-};
 
 template <class Scalar>
 Vec3<Scalar> to_vec3(const Eigen::Vector3d& v) {
@@ -397,8 +369,8 @@ class OpenMPSolver final : public Solver {
   std::vector<std::uint64_t> offset_;
   Layout<Scalar> layout_;
   std::size_t state_count_ = 0;
-  StateArray<Scalar> state_;
-  StateArray<Scalar> scratch_;                // of all threads
+  LargeArray<Scalar> state_;
+  LargeArray<Scalar> scratch_;                // of all threads
   std::vector<Workspace<Scalar>> workspace_;  // [threads]
   WorkCount work_;
   bool swapped_ = false;       // the newest positions stand in Block::previous
@@ -421,7 +393,7 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
     advance_block_ = kernels.advance_double;
   }
   state_count_ = layout_.lay_out(plan, nullptr);
-  state_ = StateArray<Scalar>(state_count_);
+  state_ = LargeArray<Scalar>(state_count_);
   layout_.lay_out(plan, state_.data());
   const HeadTransform<Scalar> start(head);
   const auto block_count = static_cast<std::ptrdiff_t>(layout_.blocks.size());
@@ -436,7 +408,7 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
   const std::size_t row = layout_.longest * static_cast<std::size_t>(layout_.width);
   const std::size_t per_thread = (10 * row + 1023) / 1024 * 1024;
   const auto threads = static_cast<std::size_t>(options.threads);
-  scratch_ = StateArray<Scalar>(threads * per_thread);
+  scratch_ = LargeArray<Scalar>(threads * per_thread);
   workspace_.resize(threads);
   for (std::size_t t = 0; t < threads; ++t) {
     Scalar* const base = scratch_.data() + t * per_thread;

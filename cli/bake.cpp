@@ -38,6 +38,7 @@ struct BakeOptions {
   std::string frames;
   int threads = 0;
   int lanes = 0;
+  std::vector<std::string> no_skip;
   bool force = false;
   bool quiet = false;
   bool json = false;
@@ -77,6 +78,35 @@ class Events {
  private:
   bool json_;
 };
+
+struct NamedSkip {
+  const char* name;
+  bool Skip::*what;
+};
+constexpr std::array kSkips = {NamedSkip{"passes", &Skip::passes}, NamedSkip{"range", &Skip::range},
+                               NamedSkip{"colliders", &Skip::colliders}, NamedSkip{"resting", &Skip::resting},
+                               NamedSkip{"regions", &Skip::regions}};
+
+Skip skip_all_but(const std::vector<std::string>& names) {
+  Skip skip;
+  for (const NamedSkip& each : kSkips) {
+    if (std::find(names.begin(), names.end(), each.name) != names.end()) skip.*each.what = false;
+  }
+  return skip;
+}
+
+// What was skipped, for a person; empty where there was nothing to skip.
+std::string describe_skipped(const WorkCount& work) {
+  std::string text;
+  const auto add = [&](long long skipped, long long all, const char* what) {
+    if (skipped == 0) return;
+    const double percent = 100 * static_cast<double>(skipped) / static_cast<double>(all);
+    text += fmt::format("{}{:.3g} % of {}", text.empty() ? "" : ", ", percent, what);
+  };
+  add(work.substeps_at_rest, work.substeps, "the simulation: strands at rest");
+  add(work.spheres_out_of_reach, work.spheres, "the collisions: spheres out of reach");
+  return text.empty() ? text : "skipped " + text;
+}
 
 CacheHeader make_header(const Shot& shot) {
   CacheHeader header;
@@ -124,6 +154,7 @@ class Bake {
     solver.precision = shot_.scene.solver.precision == "double" ? Precision::Double : Precision::Float;
     solver.threads = threads_;
     solver.lanes = options.lanes;
+    solver.skip = skip_all_but(options.no_skip);
     solver_ = make_openmp_solver(shot_.groom, shot_.plan, shot_.head(shot_.scene.first_frame), solver);
     if (stats_) {
       rest_length_ = rest_lengths(shot_.groom);
@@ -137,6 +168,7 @@ class Bake {
 
   const Scene& scene() const { return shot_.scene; }
   std::size_t vertex_count() const { return vertex_count_; }
+  WorkCount work_count() const { return solver_->work(); }
   int first_simulated() const { return scene().first_frame - scene().bake.preroll; }
 
   // Simulates `frame`, which follows the one of the last call, and meanwhile writes that one. Frames that nobody asked
@@ -267,7 +299,7 @@ int run_bake(BakeOptions options) {
   Faults faults;
   Warnings warnings;
   Scene scene = read_scene(options.scene.scene, options.scene.overrides, options.scene.search, faults);
-  Shot shot = load_shot(std::move(scene), faults, warnings);
+  Shot shot = load_shot(std::move(scene), faults, warnings, skip_all_but(options.no_skip).passes);
   for (const std::string& warning : warnings) events.warning(warning);
   if (!faults.empty()) {
     for (const Fault& fault : faults)
@@ -365,11 +397,20 @@ int run_bake(BakeOptions options) {
   }
   const double elapsed = seconds_since(start);
   const auto bytes = std::filesystem::file_size(options.output);
-  events.emit({{"event", "done"}, {"output", options.output.string()}, {"bytes", bytes}, {"seconds", elapsed}});
+  const WorkCount work = bake.work_count();
+  events.emit({{"event", "done"},
+               {"output", options.output.string()},
+               {"bytes", bytes},
+               {"seconds", elapsed},
+               {"block_substeps", work.substeps},
+               {"block_substeps_at_rest", work.substeps_at_rest},
+               {"block_spheres", work.spheres},
+               {"block_spheres_out_of_reach", work.spheres_out_of_reach}});
   if (!options.quiet && !options.json) {
     const int frames = written.second - written.first + 1;
     fmt::print("{}: {} frame{}, {} vertices, {}, {}\n", options.output.string(), frames, frames == 1 ? "" : "s",
                bake.vertex_count(), human_bytes(static_cast<double>(bytes)), human_seconds(elapsed));
+    if (const std::string skipped = describe_skipped(work); !skipped.empty()) fmt::print("{}\n", skipped);
   }
   return kGood;
 }
@@ -392,6 +433,15 @@ Verb add_bake(CLI::App& app) {
                  "Floats in a vector: 4, 8 or 16; left out: the widest. The cache does not depend on it")
       ->check(CLI::IsMember(available_lanes()))
       ->envname("STRANDBAKE_LANES");
+  std::vector<std::string> skips;
+  for (const NamedSkip& each : kSkips) skips.push_back(each.name);
+  app.add_option(
+         "--no-skip", options->no_skip,
+         "Run what changes nothing all the same: passes, range, colliders, resting, regions. The cache does not "
+         "depend on it, and this is to see so")
+      ->type_name("NAME,...")
+      ->delimiter(',')
+      ->check(CLI::IsMember(skips));
   app.add_flag("--force", options->force, "Replace an existing cache");
   app.add_flag("--quiet", options->quiet, "No progress and no summary");
   auto* const json = app.add_flag("--json", options->json, "One JSON object a line on stdout for each event");

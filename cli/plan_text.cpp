@@ -45,9 +45,11 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, int thr
                      ? "skipped, there is no animation: the head stands still"
                      : fmt::format("node \"{}\" of {}, clip \"{}\", {:.3g} s", scene.head.node, scene.head.animation,
                                    shot.animation.clip, shot.animation.duration));
-  line("collisions", scene.colliders.empty() ? "skipped, there are no colliders"
-                                             : fmt::format("runs, {} sphere{}", scene.colliders.size(),
-                                                           scene.colliders.size() == 1 ? "" : "s"));
+  line("collisions", scene.colliders.empty()
+                         ? "skipped, there are no colliders"
+                         : fmt::format("runs, {} sphere{}, each where strands are in its reach", scene.colliders.size(),
+                                       scene.colliders.size() == 1 ? "" : "s"));
+
   for (std::size_t r = 0; r < scene.regions.size(); ++r) {
     std::size_t strands = 0, vertices = 0;
     for (std::size_t s = 0; s < shot.groom.strand_count(); ++s) {
@@ -74,6 +76,7 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, int thr
                              scene.bake.substeps,
                              before > 0 ? fmt::format(", after {} that are simulated but not written", before) : ""));
   line("solver", fmt::format("openmp, {}, {} thread{}", scene.solver.precision, threads, threads == 1 ? "" : "s"));
+  line("at rest", "strands are skipped while nothing about them changes");
   const int arrays = scene.cache.velocity ? 2 : 1;
   line("velocity", scene.cache.velocity ? "written" : "skipped, cache.velocity = false");
   line("stats", scene.cache.stats ? "written" : "skipped, cache.stats = false");

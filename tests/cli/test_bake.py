@@ -34,6 +34,20 @@ def test_stdout_has_the_result_and_stderr_the_progress(shot):
     assert shot.files() == ["a.hair", "scene.h5", "scene.toml"]
 
 
+def test_the_summary_tells_what_was_skipped(shot):
+    """A head that stands, no gravity, and a sphere that nothing is near: only the first substep has anything to do."""
+    shot.scene("[forces]\ngravity = [0, 0, 0]\n[[collider]]\nsphere = {center = [9, 9, 9], radius = 0.1}\n")
+    run = shot.run("bake", "scene.toml", "--threads", "1")
+    # 4 frames: the first is the rest pose, and 4 substeps lead to each of the others.
+    assert run.out.splitlines()[1] == ("skipped 91.7 % of the simulation: strands at rest, "
+                                       "100 % of the collisions: spheres out of reach"), run.out
+    done = json.loads(shot.run("bake", "scene.toml", "--json", "--force", "--threads", "1").out.splitlines()[-1])
+    assert done["block_substeps"] == 12 * done["block_spheres"] and done["block_substeps_at_rest"] == 11 * done["block_spheres"]
+    assert done["block_spheres_out_of_reach"] == done["block_spheres"]
+    run = shot.run("bake", "scene.toml", "--force", "--no-skip", "resting,colliders")
+    assert len(run.out.splitlines()) == 1
+
+
 def test_quiet_says_nothing(shot):
     run = shot.run("bake", shot.scene(), "--quiet")
     assert (run.code, run.out, run.err) == (GOOD, "", "")

@@ -82,7 +82,7 @@ def test_the_plan_tells_frames_head_memory_and_disk(shot, head):
     plan = plan_of(shot.run("check", "scene.toml", "--set", "bake.preroll=12", "--set", "solver.precision=double", "--set",
                             "cache.compression=none"))
     assert re.fullmatch(r'node "Head" of head\.gltf, clip ".+", 5 s', plan["head"]["motion"])
-    assert plan["head"]["collisions"] == "runs, 2 spheres"
+    assert plan["head"]["collisions"] == "runs, 2 spheres, each where strands are in its reach"
     assert plan["bake"]["frames"] == "1 to 240, 24 a second, 4 substeps each, after 12 that are simulated but not written"
     assert re.fullmatch(r"openmp, double, \d+ threads?", plan["bake"]["solver"])
     assert plan["bake"]["disk"] == "84.4 KiB"  # 240 frames of 30 vertices of 12 bytes

@@ -60,6 +60,11 @@ strands = {file = "both_ends.tfx", range = "0-9", box = {min = [-9, -9, -9]}}
 local = {method = 3}
 
 [[region]]
+name = "ridden"
+strands = {range = "1400-1460"}
+simulate = false
+
+[[region]]
 name = "rest"
 global = {stiffness = 0}
 
@@ -131,7 +136,7 @@ def test_everything_is_in_the_scene(everything):
     whole = read(everything.bake())
     frames, rest = whole["frames/position"], whole["rest/position"]
     assert frames.shape[1] > 16384 and np.isfinite(frames).all()
-    assert sorted(np.unique(whole["strands/region"])) == [0, 1, 2, 3]
+    assert sorted(np.unique(whole["strands/region"])) == [0, 1, 2, 3, 4]
     np.testing.assert_array_equal(whole["frames/number"], [-2, -1, 0, 1, 2, 3])
     assert np.abs(frames[0] - rest).max() > 1e-3 and whole["stats/largest_stretch"].min() > 0
     assert (whole["frames/head"][0] != whole["frames/head"][3]).any() and (whole["frames/velocity"][0] != 0).any()
@@ -167,6 +172,14 @@ def test_any_number_of_threads_and_lanes_makes_the_same_bytes(everything, precis
         digests[f"{width} lanes"] = sha256(everything.bake("--threads", "2", "--lanes", width, *options))
         digests[f"{width} lanes by the environment"] = sha256(everything.bake(*options, env={"STRANDBAKE_LANES": width}))
     assert len(set(digests.values())) == 1, digests
+
+
+def test_what_is_skipped_changes_no_byte(everything):
+    first = sha256(everything.bake())
+    every = "passes,range,colliders,resting,regions"
+    assert every.split(",") == re.search(r"same: ([\w, ]+)\.", " ".join(everything.run("bake", "--help").out.split()))[1].split(", ")
+    for skip in (every, *every.split(",")):
+        assert sha256(everything.bake("--no-skip", skip, "--force")) == first, skip
 
 
 def test_another_run_from_another_folder_makes_the_same_bytes(everything):

@@ -42,6 +42,7 @@ int main(int argc, char** argv) {
   add("preview", "Draw a contact sheet of a cache", add_preview);
   add("groom", "Make hair, or convert a groom to .hair", add_groom);
   add("docs", "Print the reference of the scene file", add_docs);
+  add("bench", "Measure the speed of this machine and program", add_bench);
 
   // Large blocks go back to the system when they are freed. By default glibc keeps what is as large as the largest that
   // was freed so far: here whole grooms.

@@ -32,6 +32,7 @@ Verb add_info(CLI::App& app);
 Verb add_preview(CLI::App& app);
 Verb add_groom(CLI::App& app);
 Verb add_docs(CLI::App& app);
+Verb add_bench(CLI::App& app);
 
 // For --frames: empty, or what is wrong with the text.
 std::string check_frames(const std::string& text);

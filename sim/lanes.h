@@ -4,8 +4,8 @@
 // a select, and with it they read the same for float, double and lanes. Every operation is rounded by itself (IEEE
 // 754), so a strand's result does not depend on W.
 //
-// Only the files lanes_*.cpp include this header; they are compiled for one instruction set each and must not share any
-// inline function with the rest of the program.
+// Only files that are compiled for one instruction set each include this header (lanes_*.cpp here, the probes of the
+// benchmarks); they must not share any inline function with the rest of the program.
 #pragma once
 
 #if defined(__SSE2__)

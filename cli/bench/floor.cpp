@@ -1,0 +1,97 @@
+#include "cli/bench/floor.h"
+
+#include <algorithm>
+
+namespace strandbake {
+
+Work Work::operator+(const Work& other) const {
+  return {read + other.read, written + other.written, operations + other.operations, divisions + other.divisions,
+          roots + other.roots};
+}
+
+Work Work::repeated(double times) const {
+  return {read, written, operations * times, divisions * times, roots * times};
+}
+
+// How these are counted:
+//   read and written   the arrays of sim/block.h that the pass walks over for a block that is not masked, 3 numbers a
+//                      vector. Each is counted at the pass that needs it; positions belong to the integration.
+//   operations         + - * and comparisons in the text of sim/passes, for a free vertex between free vertices, with
+//                      what does not differ between vertices taken out, a common expression counted once and the two
+//                      halves of a shared correction as one. Selects are free.
+// An inner product is 5 operations, an outer product 9, a rotation 15, a vector sum or scaling 3.
+namespace work {
+
+Work integrate() {
+  // Reads P and Q, writes P' over Q. p - q 3, keep 3, two sums 6.
+  return {6, 3, 12, 0, 0};
+}
+
+Work wind() {
+  // Edge 3, two inner products 10, comparison 1, along the edge 3, across it 3, sum 3.
+  return {0, 0, 23, 1, 0};
+}
+
+Work global_shape() {
+  // Reads P0 and the fade. Stiffness at the step 4, goal 15 + 3, pull 9.
+  return {4, 0, 31, 1, 0};
+}
+
+Work local_shape(int method, int iterations) {
+  // Method 3 reads P0: once a substep it turns the rest edges with the head, 3 + 15. A sweep has the edge 3, its error
+  // 3, half the stiffness 3, share 6.
+  if (method == 3) return Work{3, 0, 18, 0, 0} + Work{0, 0, 15, 0, 0}.repeated(iterations);
+  // Reads l and what rounding leaves of it. Edge 3, goal 24, error 6, half the stiffness 3, share 6; the new edge 3;
+  // the turn of the frame: length 6, k 6, two comparisons 2, r 1, x 4, y 18. Method 2 also keeps x and y of each frame.
+  constexpr double kOperations = 3 + 24 + 6 + 3 + 6 + 3 + 37;
+  if (method == 2) return Work{12, 6, kOperations, 1, 1}.repeated(iterations);
+  return Work{6, 0, kOperations, 1, 1}.repeated(iterations);
+}
+
+Work edge_lengths() {
+  // Reads L. Edge 3, length 6, difference 1, error 3, half of it 3, share 6.
+  return {1, 0, 22, 1, 1};
+}
+
+Work sphere() {
+  // What it takes to know that a vertex is outside: distance 3 + 5, comparison 1. Few are inside.
+  return {0, 0, 9, 0, 0};
+}
+
+Work read() {
+  return {3, 3, 0, 0, 0};
+}
+
+Work non_finite() {
+  return {3, 0, 3, 0, 0};
+}
+
+}  // namespace work
+
+Work work_of(const Workload& workload) {
+  const RegionPlan plan = workload.plan().regions.front();
+  const RegionParams& params = workload.params;
+  Work sum = work::integrate();
+  if (plan.wind) sum = sum + work::wind();
+  if (plan.global_shape) {
+    const Work in_range = work::global_shape();
+    const double share = plan.global_range;
+    sum = sum + Work{in_range.read * share, 0, in_range.operations * share, in_range.divisions * share, 0};
+  }
+  if (plan.local_shape) sum = sum + work::local_shape(plan.local_method, params.local.iterations);
+  if (plan.edge_lengths) sum = sum + work::edge_lengths().repeated(params.lengths.iterations);
+  return sum + work::sphere().repeated(workload.spheres);
+}
+
+double floor_seconds(const Work& work, double vertices, int substeps, Precision precision, const Probes& probes) {
+  const double size = precision == Precision::Double ? sizeof(double) : sizeof(float);
+  const double in_memory = work.read * size * vertices;
+  const double memory = (work.read + work.written) * size * vertices / probes.bandwidth(in_memory);
+  const Arithmetic& peak = probes.arithmetic(precision);
+  // Multiplications and additions run beside the one unit that divides and takes roots.
+  const double simple = work.operations / peak.multiply_add;
+  const double hard = work.divisions / peak.divide + work.roots / peak.root;
+  return std::max(memory, std::max(simple, hard) * vertices * substeps);
+}
+
+}  // namespace strandbake

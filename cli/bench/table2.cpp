@@ -1,0 +1,118 @@
+// Table 2 of the paper on this machine's processor.
+#include <fmt/format.h>
+
+#include <array>
+
+#include "cli/bench/benchmarks.h"
+#include "cli/bench/floor.h"
+#include "formats/procedural.h"
+
+namespace strandbake {
+namespace {
+
+struct PaperRow {
+  const char* model;  // of make_preset()
+  int method;
+  int length_iterations;
+  int local_iterations;
+  double hd7970_ms;
+  double w8000_ms;
+};
+constexpr std::array<PaperRow, 9> kTable2 = {{{"model1", 1, 2, 3, 4.59, 5.32},
+                                              {"model1", 2, 2, 3, 1.22, 1.44},
+                                              {"model1", 3, 2, 3, 0.78, 0.94},
+                                              {"model2", 1, 2, 3, 5.32, 6.28},
+                                              {"model2", 2, 2, 3, 1.24, 1.46},
+                                              {"model2", 3, 2, 3, 0.80, 0.95},
+                                              {"model3", 1, 3, 4, 62.38, 73.84},
+                                              {"model3", 2, 3, 4, 3.21, 3.81},
+                                              {"model3", 3, 3, 4, 2.11, 2.51}}};
+
+Workload workload_of(const PaperRow& row, std::shared_ptr<const Groom> groom) {
+  Workload workload;
+  workload.groom = std::move(groom);
+  workload.params.damping = 0.04;
+  workload.params.drag = 0;
+  workload.params.local = {0.9, row.local_iterations, row.method};
+  workload.params.global = {0.02, 0.5, 0};
+  workload.params.lengths.iterations = row.length_iterations;
+  workload.spheres = 3;  // as in Table 1
+  return workload;
+}
+
+}  // namespace
+
+Report bench_table2(const BenchOptions& options) {
+  Report report;
+  report.benchmark = "table2";
+  report.what =
+      "the paper's Table 2: one step a frame, global shape on half of each strand, 3 spheres, float; "
+      "methods take turns";
+  report.table.columns = {{"model", "model"},
+                          {"strands", "strands"},
+                          {"vertices", "vertices"},
+                          {"method", "method"},
+                          {"length_iterations", "length it."},
+                          {"local_iterations", "local it."},
+                          {"hd7970_ms", "HD 7970 [ms]"},
+                          {"w8000_ms", "W8000 [ms]"},
+                          {"median_ms", "median [ms]"},
+                          {"best_ms", "best [ms]"},
+                          {"hd7970_over_median", "HD 7970/median"},
+                          {"ns_per_vertex", "ns/vertex"},
+                          {"floor_ms", "floor [ms]"},
+                          {"floor_share_percent", "floor [%]"}};
+  report.probes = {measure_probes(options.threads, options.quick)};
+  const Probes& probes = report.probes.front();
+  const Effort effort = options.quick ? Effort{7, 2} : Effort{51, 25};
+
+  Panel panel;
+  panel.title = "Time of a frame";
+  panel.x = {"milliseconds a frame (log)", true};
+  panel.series = {{"AMD HD 7970 (paper)", {}}, {"this processor, median", {}}, {"floor of this processor", {}}};
+  for (std::size_t first = 0; first < kTable2.size(); first += 3) {
+    const auto groom = std::make_shared<const Groom>(thinned(*make_preset(kTable2.at(first).model), options.share));
+    const auto vertices = static_cast<double>(groom->vertex_count());
+    std::vector<Workload> workloads;
+    std::vector<std::unique_ptr<SolverRun>> runs;
+    std::vector<Turn> turns;
+    for (std::size_t k = first; k < first + 3; ++k) {
+      workloads.push_back(workload_of(kTable2.at(k), groom));
+      runs.push_back(
+          std::make_unique<SolverRun>(workloads.back(), SolverOptions{Precision::Float, options.threads, 0}));
+      turns.push_back(runs.back()->turn(0.02));
+    }
+    const std::vector<Timing> timings = take_turns(turns, effort);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const PaperRow& row = kTable2.at(first + k);
+      const double floor = floor_seconds(work_of(workloads[k]), vertices, 1, Precision::Float, probes);
+      const double median = timings[k].median;
+      report.table.add({{"model", row.model},
+                        {"strands", static_cast<double>(groom->strand_count())},
+                        {"vertices", vertices},
+                        {"method", static_cast<double>(row.method)},
+                        {"length_iterations", static_cast<double>(row.length_iterations)},
+                        {"local_iterations", static_cast<double>(row.local_iterations)},
+                        {"hd7970_ms", row.hd7970_ms},
+                        {"w8000_ms", row.w8000_ms},
+                        {"median_ms", 1e3 * median},
+                        {"best_ms", 1e3 * timings[k].best},
+                        {"hd7970_over_median", row.hd7970_ms / (1e3 * median)},
+                        {"ns_per_vertex", 1e9 * median / vertices},
+                        {"floor_ms", 1e3 * floor},
+                        {"floor_share_percent", 100 * floor / median}});
+      const auto index = static_cast<double>(panel.names.size());
+      panel.names.push_back(fmt::format("{}, method {}", row.model, row.method));
+      panel.series[0].points.emplace_back(index, row.hd7970_ms);
+      panel.series[1].points.emplace_back(index, 1e3 * median);
+      panel.series[2].points.emplace_back(index, 1e3 * floor);
+    }
+  }
+  report.figure = {
+      "Table 2 of the paper", fmt::format("{} threads, one step a frame, float", options.threads), {panel}};
+  report.notes = {"HD 7970, W8000: milliseconds of the paper's graphics cards, as printed there.",
+                  "floor: the larger of bytes over bandwidth and operations over the peak of the arithmetic."};
+  return report;
+}
+
+}  // namespace strandbake

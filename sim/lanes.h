@@ -4,8 +4,8 @@
 // a select, and with it they read the same for float, double and lanes. Every operation is rounded by itself (IEEE
 // 754), so a strand's result does not depend on W.
 //
-// Only files that are compiled for one instruction set each include this header (lanes_*.cpp here, the probes of the
-// benchmarks); they must not share any inline function with the rest of the program.
+// Files that are compiled for an instruction set beyond the machine's least (lanes_*.cpp here, the probes of the
+// benchmarks) must not share any inline function with the rest of the program; all of this one's are always inlined.
 #pragma once
 
 #if defined(__SSE2__)

@@ -237,7 +237,8 @@ class BakeBench {
     return folder_ / fmt::format("{}-{}.toml", model.name, packing);
   }
   ChildRun bake(const std::filesystem::path& scene) const {
-    return run_child({"bake", scene.string(), "-o", (folder_ / "out.h5").string(), "--force", "--json", "--threads",
+    std::filesystem::remove(folder_ / "out.h5");  // to free the old file takes as long as to write a third of it
+    return run_child({"bake", scene.string(), "-o", (folder_ / "out.h5").string(), "--json", "--threads",
                       fmt::format("{}", options_.threads)});
   }
 

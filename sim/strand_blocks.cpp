@@ -1,0 +1,355 @@
+#include "sim/strand_blocks.h"
+
+#include <omp.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+#include <tuple>
+
+#include "sim/gusts.h"
+#include "sim/passes/local_shape.h"
+#include "sim/passes/stiffness.h"
+
+namespace strandbake {
+namespace {
+
+constexpr double kReferenceStep = 1.0 / 60;  // h0 [s]
+
+// x along the first segment that has a direction, y across it along the axis that is farthest from it.
+template <class Scalar>
+Frame<Scalar> rest_root_frame(std::span<const Vec3<Scalar>> rest) {
+  Vec3<Scalar> x = {1, 0, 0};
+  for (std::size_t i = 1; i < rest.size(); ++i) {
+    const Vec3<Scalar> edge = rest[i] - rest[i - 1];
+    const Scalar length2 = inner(edge, edge);
+    if (length2 > static_cast<Scalar>(1e-30f)) {
+      x = edge * (1 / square_root(length2));
+      break;
+    }
+  }
+  const Scalar ax = std::abs(x.x), ay = std::abs(x.y), az = std::abs(x.z);
+  Vec3<Scalar> axis = {0, 0, 1};
+  if (ax <= ay && ax <= az) {
+    axis = {1, 0, 0};
+  } else if (ay <= az) {
+    axis = {0, 1, 0};
+  }
+  const Vec3<Scalar> across = axis - x * inner(x, axis);
+  return {x, across * (1 / square_root(inner(across, across)))};
+}
+
+// Spreads the low ten bits of v over every third bit.
+std::uint32_t spread_bits(std::uint32_t v) {
+  v = (v | (v << 16)) & 0x030000ff;
+  v = (v | (v << 8)) & 0x0300f00f;
+  v = (v | (v << 4)) & 0x030c30c3;
+  return (v | (v << 2)) & 0x09249249;
+}
+
+// For each strand its root's place on a curve that keeps neighbours together (Morton's), so that the strands of a block
+// are near each other and meet the same colliders.
+std::vector<std::uint32_t> order_in_space(const Groom& groom) {
+  const std::size_t strands = groom.strand_count();
+  Eigen::AlignedBox3d box;
+  for (std::size_t s = 0; s < strands; ++s) box.extend(groom.position[groom.offset[s]]);
+  std::vector<std::uint32_t> place(strands, 0);
+  for (std::size_t s = 0; s < strands; ++s) {
+    const Eigen::Vector3d from_corner = groom.position[groom.offset[s]] - box.min();
+    for (int axis = 0; axis < 3; ++axis) {
+      const double size = box.sizes()[axis];
+      const double share = size > 0 ? from_corner[axis] / size : 0;
+      if (share > 0) place[s] |= spread_bits(static_cast<std::uint32_t>(std::min(share, 1.0) * 1023)) << axis;
+    }
+  }
+  return place;
+}
+
+// How far along a strand each vertex is, and the whole length [m].
+struct ArcLength {
+  std::vector<double> at;
+  double total = 0;
+
+  void measure(const Groom& groom, std::size_t strand) {
+    const std::uint64_t begin = groom.offset[strand];
+    at.assign(groom.vertex_count(strand), 0);
+    for (std::size_t i = 1; i < at.size(); ++i) {
+      at[i] = at[i - 1] + (groom.position[begin + i] - groom.position[begin + i - 1]).norm();
+    }
+    total = at.back();
+  }
+};
+
+}  // namespace
+
+// Sorts strands into blocks of one region and nearly one length.
+template <class Scalar>
+StrandBlocks<Scalar>::StrandBlocks(const Groom& groom, const Plan& plan, int strands_in_a_block, int threads,
+                                   const Skip& skip)
+    : width(strands_in_a_block) {
+  const std::size_t strands = groom.strand_count();
+  const auto region_of = [&](std::size_t strand) { return groom.region.empty() ? 0u : groom.region[strand]; };
+  std::vector<std::uint8_t> extra_pins(strands, 0);
+  for (std::size_t s = 0; s < strands; ++s) {
+    if (groom.vertex_count(s) < 2) {
+      throw std::invalid_argument("strand " + std::to_string(s) + " has fewer than two vertices");
+    }
+    if (region_of(s) >= plan.regions.size()) {
+      throw std::invalid_argument("strand " + std::to_string(s) + " names a region that the plan does not have");
+    }
+    longest = std::max(longest, groom.vertex_count(s));
+    if (!plan.regions[region_of(s)].simulated) {
+      extra_pins[s] = skip.regions ? 0 : 1;
+      continue;
+    }
+    for (std::uint64_t v = groom.offset[s] + 2; !groom.pinned.empty() && v < groom.offset[s + 1]; ++v) {
+      if (groom.pinned[v]) extra_pins[s] = 1;
+    }
+  }
+  strand_order.resize(strands);
+  std::iota(strand_order.begin(), strand_order.end(), 0u);
+  const std::vector<std::uint32_t> place = order_in_space(groom);
+  const auto key = [&](std::uint32_t s) {
+    return std::tuple(region_of(s), extra_pins[s], groom.vertex_count(s), place[s], s);
+  };
+  std::sort(strand_order.begin(), strand_order.end(),
+            [&](std::uint32_t a, std::uint32_t b) { return key(a) < key(b); });
+
+  const std::size_t w = static_cast<std::size_t>(width);
+  for (std::size_t first = 0; first < strands;) {
+    const std::uint32_t region = region_of(strand_order[first]);
+    const std::uint8_t pins = extra_pins[strand_order[first]];
+    std::size_t end = first;
+    while (end < strands && end < first + w && region_of(strand_order[end]) == region &&
+           extra_pins[strand_order[end]] == pins) {
+      ++end;
+    }
+    const std::size_t shortest = groom.vertex_count(strand_order[first]);
+    const std::size_t n = groom.vertex_count(strand_order[end - 1]);
+    Placed<Scalar> placed{};
+    placed.region = region;
+    placed.first = first;
+    placed.count = static_cast<int>(end - first);
+    placed.block.vertices = static_cast<int>(n);
+    placed.block.rides = skip.regions && !plan.regions[region].simulated;
+    placed.block.masked = !placed.block.rides && (pins != 0 || shortest != n);
+    blocks.push_back(placed);
+    first = end;
+  }
+  // The range of the global shape: the longest reach of any lane.
+  const auto block_count = static_cast<std::ptrdiff_t>(blocks.size());
+#pragma omp parallel for num_threads(threads) schedule(dynamic, 64)
+  for (std::ptrdiff_t b = 0; b < block_count; ++b) {
+    Placed<Scalar>& placed = blocks[static_cast<std::size_t>(b)];
+    const RegionPlan& region = plan.regions[placed.region];
+    if (!region.global_shape || placed.block.rides) continue;
+    placed.block.global_end = skip.range ? 0 : placed.block.vertices;
+    ArcLength arc;
+    for (int lane = 0; lane < placed.count && skip.range; ++lane) {
+      arc.measure(groom, strand_order[placed.first + static_cast<std::size_t>(lane)]);
+      for (std::size_t i = arc.at.size() - 1; i >= 1; --i) {
+        if (arc.at[i] > region.global_range * arc.total) continue;
+        placed.block.global_end = std::max(placed.block.global_end, static_cast<int>(i) + 1);
+        break;
+      }
+    }
+  }
+}
+
+template <class Scalar>
+std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, Scalar* base) {
+  const std::size_t w = static_cast<std::size_t>(width);
+  std::size_t used = 0;
+  const auto take = [&](Scalar*& array, std::size_t count) {
+    array = base == nullptr || count == 0 ? nullptr : base + used;
+    used += count;
+  };
+  for (Placed<Scalar>& placed : blocks) {
+    Block<Scalar>& b = placed.block;
+    const RegionPlan& region = plan.regions[placed.region];
+    const std::size_t n = static_cast<std::size_t>(b.vertices);
+    take(b.position, 3 * n * w);
+    if (b.rides) {
+      b.previous = b.position;
+      take(b.rest, 3 * n * w);
+      b.rest_vertices = b.vertices;
+      continue;
+    }
+    take(b.previous, 3 * n * w);
+    const bool frames = region.local_shape && region.local_method != 3;
+    const bool all_rest = b.masked || (region.local_shape && region.local_method == 3);
+    b.rest_vertices = all_rest ? b.vertices : std::max(2, b.global_end);
+    take(b.rest, 3 * static_cast<std::size_t>(b.rest_vertices) * w);
+    take(b.root_frame, frames ? 6 * w : 0);
+    take(b.local_edge, frames ? 3 * n * w : 0);
+    take(b.remainder, frames ? 3 * n * w : 0);
+    take(b.frame_x, frames && region.local_method == 2 ? 3 * n * w : 0);
+    take(b.frame_y, frames && region.local_method == 2 ? 3 * n * w : 0);
+    take(b.length, region.edge_lengths ? n * w : 0);
+    take(b.fade, static_cast<std::size_t>(b.global_end) * w);
+    take(b.free, b.masked ? n * w : 0);
+    take(b.active, b.masked ? n * w : 0);
+    take(b.wind_weight, region.wind ? 4 * w : 0);
+  }
+  return used;
+}
+template <class Scalar>
+void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const HeadTransform<Scalar>& head,
+                                const Placed<Scalar>& placed) const {
+  const auto w = static_cast<std::size_t>(width);
+  const auto store = [&](Scalar* array, std::size_t vertex, int lane, Vec3<Scalar> v) {
+    Scalar* const row = array + row_at(vertex, lane);
+    row[0] = v.x;
+    row[w] = v.y;
+    row[2 * w] = v.z;
+  };
+  const auto store_number = [&](Scalar* array, std::size_t vertex, int lane, Scalar v) {
+    array[vertex * w + static_cast<std::size_t>(lane)] = v;
+  };
+  const Block<Scalar>& b = placed.block;
+  const RegionPlan& region = plan.regions[placed.region];
+  const std::size_t n = static_cast<std::size_t>(b.vertices);
+  std::vector<Vec3<Scalar>> rest;
+  ArcLength arc;
+  for (int lane = 0; lane < width; ++lane) {
+    // Lanes without a strand repeat the first.
+    const std::size_t s = strand_order[placed.first + static_cast<std::size_t>(lane < placed.count ? lane : 0)];
+    const std::size_t own = groom.vertex_count(s);
+    rest.resize(own);
+    for (std::size_t i = 0; i < own; ++i) rest[i] = to_vec3<Scalar>(groom.position[groom.offset[s] + i]);
+    const auto rest_at = [&](std::size_t i) { return rest[std::min(i, own - 1)]; };
+
+    for (std::size_t i = 0; i < n; ++i) {
+      const Vec3<Scalar> start = head.apply(rest_at(i));
+      store(b.position, i, lane, start);
+      store(b.previous, i, lane, start);
+    }
+    for (std::size_t i = 0; i < static_cast<std::size_t>(b.rest_vertices); ++i) store(b.rest, i, lane, rest_at(i));
+    if (b.local_edge != nullptr) {
+      Frame<Scalar> frame = rest_root_frame<Scalar>(rest);
+      store(b.root_frame, 0, lane, frame.x);
+      store(b.root_frame, 1, lane, frame.y);
+      for (std::size_t i = 1; i < n; ++i) {
+        if (i >= 2 && i < own) {
+          const Vec3<Scalar> edge = rest[i] - rest[i - 1];
+          const Vec3<Scalar> local = into_frame(frame, edge);
+          store(b.local_edge, i, lane, local);
+          store(b.remainder, i, lane, edge - from_frame(frame, local));
+          frame = turn_frame(frame, edge);
+        }
+        if (b.frame_x != nullptr) {
+          store(b.frame_x, i, lane, head.turn(frame.x));
+          store(b.frame_y, i, lane, head.turn(frame.y));
+        }
+      }
+    }
+    if (b.length != nullptr) {
+      for (std::size_t i = 1; i < own; ++i) {
+        const Vec3<Scalar> edge = rest[i] - rest[i - 1];
+        store_number(b.length, i, lane, square_root(inner(edge, edge)));
+      }
+    }
+    if (b.fade != nullptr) {
+      arc.measure(groom, s);
+      for (std::size_t i = 1; i < std::min(own, static_cast<std::size_t>(b.global_end)); ++i) {
+        const double share = arc.total > 0 ? arc.at[i] / arc.total : 0;
+        const bool reached = arc.at[i] <= region.global_range * arc.total;
+        const double weight = reached ? 1 - region.global_fade * share / region.global_range : 0;
+        store_number(b.fade, i, lane, static_cast<Scalar>(weight));
+      }
+    }
+    if (b.masked) {
+      for (std::size_t i = 0; i < n; ++i) {
+        const bool pinned =
+            i < 2 || i >= own || !region.simulated || (!groom.pinned.empty() && groom.pinned[groom.offset[s] + i] != 0);
+        store_number(b.free, i, lane, static_cast<Scalar>(pinned ? 0 : 1));
+        store_number(b.active, i, lane, static_cast<Scalar>(i < own ? 1 : 0));
+      }
+    }
+    if (b.wind_weight != nullptr) {
+      const auto weight = wind_weights(s);
+      for (std::size_t j = 0; j < weight.size(); ++j)
+        store_number(b.wind_weight, j, lane, static_cast<Scalar>(weight[j]));
+    }
+  }
+}
+
+template <class Scalar>
+RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& plan, const FrameInput& input,
+                               double substep_before, const Skip& skip) {
+  const double h = input.substep;
+  RegionStep<Scalar> step{};
+  // Rounded to float in both precisions: libraries differ in the last bits of pow, floats of it agree.
+  const double keep = static_cast<float>(std::pow(1 - params.damping, h / kReferenceStep));
+  step.keep = static_cast<Scalar>(keep);
+  step.keep_first = static_cast<Scalar>(substep_before > 0 ? keep * (h / substep_before) : keep);
+  for (int axis = 0; axis < 3; ++axis) step.gravity_h2[axis] = static_cast<Scalar>(input.gravity[axis] * h * h);
+  step.drag_h2 = static_cast<Scalar>(input.wind.empty() ? 0 : params.drag * h * h);
+  const double ratio2 = (kReferenceStep / h) * (kReferenceStep / h);
+  step.step_ratio2 = static_cast<Scalar>(ratio2);
+  step.global_stiffness = static_cast<Scalar>(params.global.stiffness);
+  step.half_local_stiffness = static_cast<Scalar>(0.5 * stiffness_at_step(params.local.stiffness, ratio2));
+  const auto runs = [&](bool planned, Scalar amount) { return planned && (amount > 0 || !skip.passes); };
+  step.wind = runs(plan.wind, step.drag_h2);
+  step.global_shape = runs(plan.global_shape, step.global_stiffness);
+  step.local_shape = runs(plan.local_shape, step.half_local_stiffness);
+  step.local_iterations = params.local.iterations;
+  step.local_method = params.local.method;
+  step.length_iterations = params.lengths.iterations;
+  return step;
+}
+
+void check_against_plan(const Plan& plan, const FrameInput& input) {
+  const std::size_t count = input.substeps();
+  bool fits = input.regions.size() == plan.regions.size() && (input.spheres.empty() || input.spheres.size() == count) &&
+              (input.wind.empty() || input.wind.size() == count);
+  for (std::size_t r = 0; fits && r < plan.regions.size(); ++r) {
+    const RegionParams& params = input.regions[r];
+    const RegionPlan& planned = plan.regions[r];
+    fits = (planned.wind || input.wind.empty() || params.drag <= 0) &&
+           (planned.edge_lengths || params.lengths.iterations <= 0) &&
+           ((planned.local_shape && planned.local_method == params.local.method) || params.local.stiffness <= 0 ||
+            params.local.iterations <= 0);
+  }
+  if (!fits) throw std::invalid_argument("the input of a frame asks for more than the plan has");
+}
+template <class Scalar>
+FrameSteps<Scalar> frame_steps(const FrameInput& input) {
+  FrameSteps<Scalar> steps;
+  const std::size_t count = input.substeps();
+  std::vector<Substep<Scalar>>& substeps = steps.substeps;
+  substeps.resize(count);
+  std::vector<Scalar>& spheres = steps.spheres;
+  for (const auto& moment : input.spheres) {
+    for (const Sphere& sphere : moment) {
+      for (int axis = 0; axis < 3; ++axis) spheres.push_back(static_cast<Scalar>(sphere.center[axis]));
+      spheres.push_back(static_cast<Scalar>(sphere.radius));
+    }
+  }
+  std::size_t sphere_at = 0;
+  for (std::size_t s = 0; s < count; ++s) {
+    const HeadTransform<Scalar> head(input.head[s]);
+    std::copy(std::begin(head.rotation), std::end(head.rotation), substeps[s].rotation);
+    std::copy(std::begin(head.translation), std::end(head.translation), substeps[s].translation);
+    for (int j = 0; !input.wind.empty() && j < 4; ++j) {
+      for (int axis = 0; axis < 3; ++axis) {
+        substeps[s].wind[3 * j + axis] = static_cast<Scalar>(input.wind[s][static_cast<std::size_t>(j)][axis]);
+      }
+    }
+    substeps[s].sphere_count = input.spheres.empty() ? 0 : static_cast<int>(input.spheres[s].size());
+    substeps[s].spheres = spheres.data() + sphere_at;
+    sphere_at += 4 * static_cast<std::size_t>(substeps[s].sphere_count);
+  }
+  return steps;
+}
+
+template struct StrandBlocks<float>;
+template struct StrandBlocks<double>;
+template RegionStep<float> region_step(const RegionParams&, const RegionPlan&, const FrameInput&, double, const Skip&);
+template RegionStep<double> region_step(const RegionParams&, const RegionPlan&, const FrameInput&, double, const Skip&);
+template FrameSteps<float> frame_steps(const FrameInput&);
+template FrameSteps<double> frame_steps(const FrameInput&);
+
+}  // namespace strandbake

@@ -1,0 +1,96 @@
+// How a solver keeps its strands: in blocks of strands of one region and nearly one length, near each other in space,
+// with their rest state in the solver's own arithmetic; and what a frame's input becomes for them. All backends share
+// it.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <vector>
+
+#include "sim/block.h"
+#include "sim/frame_input.h"
+#include "sim/groom.h"
+#include "sim/passes/strand_math.h"
+#include "sim/plan.h"
+#include "sim/solver.h"
+
+namespace strandbake {
+
+template <class Scalar>
+Vec3<Scalar> to_vec3(const Eigen::Vector3d& v) {
+  // Adding +0 makes -0 to +0, which no later operation could tell from it but a comparison of bytes can.
+  return {static_cast<Scalar>(v.x()) + 0, static_cast<Scalar>(v.y()) + 0, static_cast<Scalar>(v.z()) + 0};
+}
+
+template <class Scalar>
+struct HeadTransform {
+  Scalar rotation[9];
+  Scalar translation[3];
+
+  explicit HeadTransform(const Eigen::Isometry3d& head) {
+    for (int row = 0; row < 3; ++row) {
+      for (int column = 0; column < 3; ++column)
+        rotation[3 * row + column] = static_cast<Scalar>(head.linear()(row, column));
+      translation[row] = static_cast<Scalar>(head.translation()[row]) + 0;  // no -0, as in to_vec3
+    }
+  }
+  Vec3<Scalar> turn(Vec3<Scalar> v) const {
+    const Scalar* r = rotation;
+    return rotate<Scalar>({r[0], r[1], r[2]}, {r[3], r[4], r[5]}, {r[6], r[7], r[8]}, v);
+  }
+  Vec3<Scalar> apply(Vec3<Scalar> v) const {
+    return turn(v) + Vec3<Scalar>{translation[0], translation[1], translation[2]};
+  }
+};
+
+template <class Scalar>
+struct Placed {  // a block and the strands in its lanes
+  Block<Scalar> block;
+  std::uint32_t region;
+  std::size_t first;  // of `count` entries in StrandBlocks::strand_order
+  int count;
+};
+
+// Which strands share a block, and the memory that the plan asks for. float and double.
+template <class Scalar>
+struct StrandBlocks {
+  int width;  // strands in a block
+  std::vector<std::uint32_t> strand_order;
+  std::vector<Placed<Scalar>> blocks;
+  std::size_t longest = 0;  // vertices of the longest strand
+
+  // Throws std::invalid_argument where a strand has fewer than two vertices or names a region that the plan does not
+  // have.
+  StrandBlocks(const Groom& groom, const Plan& plan, int strands_in_a_block, int threads, const Skip& skip);
+
+  // Hands out memory from `base` on; returns how many numbers that takes. nullptr: only counts.
+  std::size_t lay_out(const Plan& plan, Scalar* base);
+
+  // Writes the rest state of the strands of one block, and puts them at rest on the head.
+  void fill(const Groom& groom, const Plan& plan, const HeadTransform<Scalar>& head,
+            const Placed<Scalar>& placed) const;
+
+  // Where row `vertex` of an array of vectors begins, for the strand in `lane`.
+  std::size_t row_at(std::size_t vertex, int lane) const {
+    return vertex * 3 * static_cast<std::size_t>(width) + static_cast<std::size_t>(lane);
+  }
+};
+
+// A region's parameters for the substeps of a frame. `substep_before`: length of those of the frame before [s], 0 in
+// the first.
+template <class Scalar>
+RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& plan, const FrameInput& input,
+                               double substep_before, const Skip& skip);
+
+template <class Scalar>
+struct FrameSteps {
+  std::vector<Substep<Scalar>> substeps;
+  std::vector<Scalar> spheres;  // of all substeps; they point into it
+};
+template <class Scalar>
+FrameSteps<Scalar> frame_steps(const FrameInput& input);
+
+// What the plan left out has no memory to run on: throws std::invalid_argument.
+void check_against_plan(const Plan& plan, const FrameInput& input);
+
+}  // namespace strandbake

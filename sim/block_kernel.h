@@ -46,11 +46,11 @@ struct BlockStep {
   }
 
   STRANDBAKE_INLINE Vec with_head(int i) const {
-    return rotate(row_x, row_y, row_z, vectors(block.rest)[i]) + translation;
+    return rotate_by_rows(row_x, row_y, row_z, vectors(block.rest)[i]) + translation;
   }
   STRANDBAKE_INLINE FRAME root_frame() const {
     const Vec* rest = vectors(block.root_frame);
-    return {rotate(row_x, row_y, row_z, rest[0]), rotate(row_x, row_y, row_z, rest[1])};
+    return {rotate_by_rows(row_x, row_y, row_z, rest[0]), rotate_by_rows(row_x, row_y, row_z, rest[1])};
   }
 
   // A constraint between two vertices, with its corrections d_near and d_far for free ones. `First`: the near one is
@@ -257,7 +257,7 @@ struct BlockStep {
   STRANDBAKE_INLINE void turn_rest_edges() const {
     const Vec* const rest = vectors(block.rest);
     Vec* const edge = vectors(workspace.edge);
-    for (int i = 2; i < block.vertices; ++i) edge[i] = rotate(row_x, row_y, row_z, rest[i] - rest[i - 1]);
+    for (int i = 2; i < block.vertices; ++i) edge[i] = rotate_by_rows(row_x, row_y, row_z, rest[i] - rest[i - 1]);
   }
   STRANDBAKE_INLINE void local_shape_rest() const {
     sweep(RestShape{*this, vectors(workspace.edge), Real(region.half_local_stiffness)});

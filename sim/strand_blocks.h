@@ -36,7 +36,7 @@ struct HeadTransform {
   }
   Vec3<Scalar> turn(Vec3<Scalar> v) const {
     const Scalar* r = rotation;
-    return rotate<Scalar>({r[0], r[1], r[2]}, {r[3], r[4], r[5]}, {r[6], r[7], r[8]}, v);
+    return rotate_by_rows<Scalar>({r[0], r[1], r[2]}, {r[3], r[4], r[5]}, {r[6], r[7], r[8]}, v);
   }
   Vec3<Scalar> apply(Vec3<Scalar> v) const {
     return turn(v) + Vec3<Scalar>{translation[0], translation[1], translation[2]};

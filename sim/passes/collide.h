@@ -10,7 +10,7 @@
 
 #include "sim/passes/strand_math.h"
 
-namespace strandbake {
+STRAND_MATH_BEGIN
 
 STRAND_FN Real squared_distance(VEC3 p, VEC3 center) {
   VEC3 e = p - center;
@@ -39,4 +39,4 @@ STRAND_FN Real squared_distance_to_box(VEC3 low, VEC3 high, VEC3 center) {
   return inner(gap, gap);
 }
 
-}  // namespace strandbake
+STRAND_MATH_END

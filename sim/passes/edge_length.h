@@ -12,7 +12,7 @@
 
 #include "sim/passes/strand_math.h"
 
-namespace strandbake {
+STRAND_MATH_BEGIN
 
 // C / |edge|, so that C n = edge times it.
 STRAND_FN Real relative_length_error(VEC3 edge, Real rest_length) {
@@ -26,4 +26,4 @@ STRAND_FN Real edge_share(Real w, Real other) {
   return w * ((Real)1.0f - (Real)0.5f * other);
 }
 
-}  // namespace strandbake
+STRAND_MATH_END

@@ -9,10 +9,10 @@
 
 #include "sim/passes/strand_math.h"
 
-namespace strandbake {
+STRAND_MATH_BEGIN
 
 STRAND_FN VEC3 pull_to_goal(VEC3 p, VEC3 goal, Real stiffness) {
   return p + (goal - p) * stiffness;
 }
 
-}  // namespace strandbake
+STRAND_MATH_END

@@ -10,10 +10,10 @@
 
 #include "sim/passes/strand_math.h"
 
-namespace strandbake {
+STRAND_MATH_BEGIN
 
 STRAND_FN VEC3 integrate(VEC3 p, VEC3 q, Real keep, VEC3 accel_h2) {
   return p + (p - q) * keep + accel_h2;
 }
 
-}  // namespace strandbake
+STRAND_MATH_END

@@ -22,7 +22,7 @@
 
 #include "sim/passes/strand_math.h"
 
-namespace strandbake {
+STRAND_MATH_BEGIN
 
 // 1 + cos of the angle below which a strand counts as folded back: 0.8 degrees short of a half turn. Nearer to it the
 // division would cost a float y more than a thousandth of its length.
@@ -61,4 +61,4 @@ STRAND_FN VEC3 local_shape_error(FRAME f, VEC3 local_rest_edge, VEC3 remainder, 
   return (from_frame(f, local_rest_edge) - edge) + remainder;
 }
 
-}  // namespace strandbake
+STRAND_MATH_END

@@ -12,10 +12,10 @@
 
 #include "sim/passes/strand_math.h"
 
-namespace strandbake {
+STRAND_MATH_BEGIN
 
 STRAND_FN Real stiffness_at_step(Real stiffness, Real step_ratio2) {
   return stiffness / (stiffness + step_ratio2 * ((Real)1.0f - stiffness));
 }
 
-}  // namespace strandbake
+STRAND_MATH_END

@@ -1,15 +1,33 @@
 // The dialect in which the passes are written: the part that C++ templates and OpenCL C have in common, so that the
-// mathematics is written once and runs in float, in double, and in lanes.
+// mathematics is written once and runs in float, in double, in lanes, and on a device.
 //
 //   Real            a number: float, double, or W of either (Lanes)
-//   VEC3            three of them, with + - and * by a Real
-//   STRAND_FN       a pure function on values; no overloads, no pointers, no references
+//   VEC3            three of them, with + and - and * by a Real
+//   FRAME           the orthonormal frame of a vertex: x and y; z = x × y
+//   STRAND_FN       a pure function on values; no overloads, no pointers, no references, no name of an OpenCL function
 //   SELECT(m, a, b) a where the comparison m holds, else b; a and b are both computed
 //   SQRT(a)         exactly rounded
 //
 // Only + - * / sqrt and comparisons, each rounded once, in the order written: that is what makes results equal
 // everywhere.
 #pragma once
+
+#ifdef __OPENCL_C_VERSION__
+
+// The program is built with REAL and REAL3: float and float3, or double and double3.
+typedef REAL Real;
+#define STRAND_FN static
+#define VEC3 REAL3
+typedef struct {
+  VEC3 x, y;
+} Frame;
+#define FRAME Frame
+#define SELECT(m, a, b) ((m) ? (a) : (b))
+#define SQRT(a) sqrt(a)
+#define STRAND_MATH_BEGIN
+#define STRAND_MATH_END
+
+#else
 
 #define STRAND_FN       \
   template <class Real> \
@@ -18,6 +36,8 @@
 #define FRAME Frame<Real>
 #define SELECT(m, a, b) select(m, a, b)
 #define SQRT(a) square_root(a)
+#define STRAND_MATH_BEGIN namespace strandbake {
+#define STRAND_MATH_END }
 
 namespace strandbake {
 
@@ -50,11 +70,16 @@ STRAND_FN VEC3 operator*(VEC3 a, Real s) {
   return {a.x * s, a.y * s, a.z * s};
 }
 
-// The orthonormal frame of a vertex; z = x × y.
 template <class Real>
 struct Frame {
   VEC3 x, y;
 };
+
+}  // namespace strandbake
+
+#endif
+
+STRAND_MATH_BEGIN
 
 STRAND_FN VEC3 make_vec3(Real x, Real y, Real z) {
   VEC3 v;
@@ -73,7 +98,7 @@ STRAND_FN VEC3 outer(VEC3 a, VEC3 b) {
 }
 
 // A rotation given by the rows of its matrix.
-STRAND_FN VEC3 rotate(VEC3 row_x, VEC3 row_y, VEC3 row_z, VEC3 v) {
+STRAND_FN VEC3 rotate_by_rows(VEC3 row_x, VEC3 row_y, VEC3 row_z, VEC3 v) {
   return make_vec3(inner(row_x, v), inner(row_y, v), inner(row_z, v));
 }
 
@@ -81,4 +106,4 @@ STRAND_FN VEC3 rotate(VEC3 row_x, VEC3 row_y, VEC3 row_z, VEC3 v) {
 // products stay normal numbers in float.
 #define POINT_LENGTH_SQUARED ((Real)1e-30f)
 
-}  // namespace strandbake
+STRAND_MATH_END

@@ -11,7 +11,7 @@
 
 #include "sim/passes/strand_math.h"
 
-namespace strandbake {
+STRAND_MATH_BEGIN
 
 STRAND_FN VEC3 wind_across(VEC3 wind, VEC3 segment) {
   Real length2 = inner(segment, segment);
@@ -19,4 +19,4 @@ STRAND_FN VEC3 wind_across(VEC3 wind, VEC3 segment) {
   return wind - segment * along;
 }
 
-}  // namespace strandbake
+STRAND_MATH_END

@@ -51,8 +51,8 @@ TEMPLATE_TEST_CASE("the small algebra is the usual one", "", float, double) {
   CHECK(same(a * TestType(2), vec<TestType>(2, 4, 6)));
   // A quarter turn about Z takes X to Y.
   const auto x = vec<TestType>(0, -1, 0), y = vec<TestType>(1, 0, 0), z = vec<TestType>(0, 0, 1);
-  CHECK(same(rotate(x, y, z, vec<TestType>(1, 0, 0)), vec<TestType>(0, 1, 0)));
-  CHECK(same(rotate(x, y, z, vec<TestType>(2, 3, 4)), vec<TestType>(-3, 2, 4)));
+  CHECK(same(rotate_by_rows(x, y, z, vec<TestType>(1, 0, 0)), vec<TestType>(0, 1, 0)));
+  CHECK(same(rotate_by_rows(x, y, z, vec<TestType>(2, 3, 4)), vec<TestType>(-3, 2, 4)));
 }
 
 TEMPLATE_TEST_CASE("integration adds what is kept of the velocity and the acceleration", "", float, double) {

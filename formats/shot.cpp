@@ -418,6 +418,7 @@ Shot load_shot(Scene scene, Faults& faults, Warnings& warnings, bool skip_idle) 
     for (const double frame : telling_frames(shot.scene, region.params)) over_time.push_back(region.params.at(frame));
     shot.plan.regions.push_back(plan_region(over_time, windy, skip_idle));
   }
+  shot.plan.colliders = !shot.scene.colliders.empty() || !skip_idle;
   return shot;
 }
 

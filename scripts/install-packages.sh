@@ -5,10 +5,10 @@
 set -euo pipefail
 
 packages=(g++ cmake ninja-build pkg-config libeigen3-dev libassimp-dev libhdf5-dev libdeflate-dev libtomlplusplus-dev
-  libcli11-dev libfmt-dev nlohmann-json3-dev libpng-dev nettle-dev)
+  libcli11-dev libfmt-dev nlohmann-json3-dev libpng-dev nettle-dev opencl-c-headers)
 if [ "${1:-build}" = test ]; then
   packages+=(catch2 clang-14 llvm-14 libclang-rt-14-dev libomp-14-dev clang-format-14 clang-tidy-14 gcovr hdf5-tools binutils
-    valgrind python3 python3-h5py python3-numpy python3-pytest assimp-testmodels)
+    valgrind pocl-opencl-icd ocl-icd-libopencl1 oclgrind python3 python3-h5py python3-numpy python3-pytest assimp-testmodels)
 fi
 
 missing=()

@@ -21,6 +21,7 @@ struct RegionPlan {
 
 struct Plan {
   std::vector<RegionPlan> regions;
+  bool colliders = true;  // false: no frame has any
 };
 
 // Merges the parameters of a region over all frames of a bake. Range, fade, method and iterations do not move over

@@ -37,6 +37,10 @@ class Solver {
   virtual void advance(const FrameInput& input, std::span<Eigen::Vector3f> out, const Alongside& alongside) = 0;
   void advance(const FrameInput& input) { advance(input, {}, {}); }
 
+  // Called before advance(): what the call after it will ask for. A device begins with it while the positions of this
+  // frame travel; read() has to wait for that next advance() then.
+  virtual void expect(const FrameInput&) {}
+
   // Positions now, world [m], in the order of the groom; `out` holds one entry per vertex.
   virtual void read(std::span<Eigen::Vector3f> out) const = 0;
   virtual void read(std::span<Eigen::Vector3d> out) const = 0;

@@ -305,6 +305,7 @@ void check_against_plan(const Plan& plan, const FrameInput& input) {
   const std::size_t count = input.substeps();
   bool fits = input.regions.size() == plan.regions.size() && (input.spheres.empty() || input.spheres.size() == count) &&
               (input.wind.empty() || input.wind.size() == count);
+  for (const auto& spheres : input.spheres) fits = fits && (plan.colliders || spheres.empty());
   for (std::size_t r = 0; fits && r < plan.regions.size(); ++r) {
     const RegionParams& params = input.regions[r];
     const RegionPlan& planned = plan.regions[r];

@@ -16,10 +16,11 @@
 
 // The program is built with REAL and REAL3: float and float3, or double and double3.
 typedef REAL Real;
+typedef REAL3 Real3;
 #define STRAND_FN static
-#define VEC3 REAL3
+#define VEC3 Real3
 typedef struct {
-  VEC3 x, y;
+  Real3 x, y;
 } Frame;
 #define FRAME Frame
 #define SELECT(m, a, b) ((m) ? (a) : (b))

@@ -1,0 +1,42 @@
+// What the host and the kernels agree on: where numbers stand in the buffers. C++ and OpenCL C.
+#pragma once
+
+#ifndef __OPENCL_C_VERSION__
+#include <cstdint>
+namespace strandbake {
+typedef std::uint32_t uint;
+#endif
+
+// RegionStep (sim/block.h): its numbers, and its switches and counts.
+enum RegionReal {
+  kKeepFirst,
+  kKeep,
+  kGravityH2,  // x, y, z
+  kDragH2 = kGravityH2 + 3,
+  kGlobalStiffness,
+  kStepRatio2,
+  kHalfLocalStiffness,
+  kRegionReals
+};
+enum RegionInt { kWind, kGlobalShape, kLocalShape, kLocalMethod, kLocalIterations, kLengthIterations, kRegionInts };
+
+// Substep (sim/block.h).
+enum SubstepReal { kRotation = 0, kTranslation = 9, kWindVelocity = 12, kSubstepReals = 24 };
+enum SubstepInt { kSphereBegin, kSphereCount, kSubstepInts };
+
+// Block (sim/block.h). Places are in numbers from the start of a batch's state; kAbsent: the plan left the array out.
+#define kAbsent 0xffffffffu
+typedef struct {
+  uint vertices, region, masked, rides, global_end;
+  uint position, previous, rest, root_frame, local_edge, remainder, frame_x, frame_y;
+  uint length, fade, free, active, wind_weight;
+} BlockRow;
+
+// Where the strand of a lane goes in the output.
+typedef struct {
+  uint first, count;  // vertices; count 0: no strand in this lane
+} Target;
+
+#ifndef __OPENCL_C_VERSION__
+}  // namespace strandbake
+#endif

@@ -1,0 +1,204 @@
+// Algorithm 1 of the paper with a strand per work-item: the CPU's mapping. Methods 1 to 4; right for many strands. A
+// strand's work-item touches no other strand, so there is no barrier.
+//
+// `which`: the blocks to run, WIDTH work-items each.
+
+// A constraint between two vertices; in a masked block weights say who is free and which segments exist.
+typedef struct {
+  const __global Real *free, *active;
+  bool masked;
+} Weights;
+
+static void part(Weights weights, uint i, Real3 d, Real3* near, Real3* far) {
+#ifdef HAS_MASKED
+  if (weights.masked) {
+    d = d * read1(weights.active, i);
+    *near = *near - d * read1(weights.free, i - 1);
+    *far = *far + d * read1(weights.free, i);
+    return;
+  }
+#endif
+  if (i > 2) *near = *near - d;
+  *far = *far + d;
+}
+
+__kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_strands(
+    __global Real* state, const __global BlockRow* blocks, const __global uint* which, uint which_count,
+    const __global Real* region_reals, const __global int* region_ints, const __global Real* substep_reals,
+    const __global int* substep_ints, const __global Real* spheres, uint substep_count, uint swapped) {
+  const uint strand = get_global_id(0);
+  const uint lane = strand % WIDTH;
+  if (strand / WIDTH >= which_count) return;
+  const BlockRow block = blocks[which[strand / WIDTH]];
+  const uint n = block.vertices;
+  __global Real* p = state + block.position + lane;
+  const __global Real* const rest = state + block.rest + lane;
+
+#ifdef HAS_RIDES
+  if (block.rides) {
+    const Head head = head_of(substep_reals + (substep_count - 1) * kSubstepReals);
+    for (uint i = 0; i < n; ++i) write3(p, i, carry_with(head, read3(rest, i)));
+    return;
+  }
+#endif
+
+  __global Real* q = state + block.previous + lane;
+  if (swapped) {
+    __global Real* const other = p;
+    p = q;
+    q = other;
+  }
+  const __global Real* const region = region_reals + block.region * kRegionReals;
+  const __global int* const counts = region_ints + block.region * kRegionInts;
+  const Weights weights = {state + block.free + lane, state + block.active + lane, block.masked != 0};
+
+  for (uint s = 0; s < substep_count; ++s) {
+    const __global Real* const substep = substep_reals + s * kSubstepReals;
+    const Head head = head_of(substep);
+
+    // Forces, integration and global shape: old positions in p, new ones over q.
+    {
+      const Real keep = region[s == 0 ? kKeepFirst : kKeep];
+      const Real3 gravity = triple(region + kGravityH2);
+#ifdef HAS_WIND
+      const bool windy = counts[kWind];
+      const Real3 wind = windy ? wind_of(substep, state + block.wind_weight + lane, region[kDragH2]) : (Real3)(0);
+#endif
+#ifdef HAS_GLOBAL_SHAPE
+      const uint global_end = counts[kGlobalShape] ? block.global_end : 0;
+#endif
+      write3(q, 0, carry_with(head, read3(rest, 0)));
+      write3(q, 1, carry_with(head, read3(rest, 1)));
+      Real3 before = read3(p, 1);
+      for (uint i = 2; i < n; ++i) {
+        const Real3 here = read3(p, i);
+        Real3 accel_h2 = gravity;
+#ifdef HAS_WIND
+        if (windy) accel_h2 = accel_h2 + wind_across(wind, here - before);
+#endif
+        Real3 moved = integrate(here, read3(q, i), keep, accel_h2);
+#ifdef HAS_GLOBAL_SHAPE
+        if (i < global_end) {
+          const Real stiffness = region[kGlobalStiffness] * read1(state + block.fade + lane, i);
+          moved = pull_to_goal(moved, carry_with(head, read3(rest, i)),
+                               stiffness_at_step(stiffness, region[kStepRatio2]));
+        }
+#endif
+#ifdef HAS_MASKED
+        if (weights.masked && !(read1(weights.free, i) > (Real)0)) moved = carry_with(head, read3(rest, i));
+#endif
+        write3(q, i, moved);
+        before = here;
+      }
+    }
+
+#ifdef HAS_LOCAL_SHAPE
+    if (counts[kLocalShape]) {
+      const Real half_stiffness = region[kHalfLocalStiffness];
+      const int method = LOCAL_METHOD_OF(counts);
+      const __global Real* const local_edge = state + block.local_edge + lane;
+      const __global Real* const remainder = state + block.remainder + lane;
+      __global Real* const frame_x = state + block.frame_x + lane;
+      __global Real* const frame_y = state + block.frame_y + lane;
+      Frame root;
+      root.x = root.y = (Real3)(0);
+      if (method != 3) {
+        const __global Real* const rest_frame = state + block.root_frame + lane;
+        root.x = turn_with(head, read3(rest_frame, 0));
+        root.y = turn_with(head, read3(rest_frame, 1));
+      }
+      for (int iteration = 0; iteration < counts[kLocalIterations]; ++iteration) {
+        if (method == 1) {  // Algorithm 3
+          Frame frame = root;
+          Real3 near = read3(q, 1);
+          for (uint i = 2; i < n; ++i) {
+            Real3 far = read3(q, i);
+            const Real3 d =
+                local_shape_error(frame, read3(local_edge, i), read3(remainder, i), far - near) * half_stiffness;
+            part(weights, i, d, &near, &far);
+            write3(q, i - 1, near);
+            frame = turn_frame(frame, far - near);
+            near = far;
+          }
+          write3(q, n - 1, near);
+          continue;
+        }
+        if (method == 2) {
+          write3(frame_x, 1, root.x);
+          write3(frame_y, 1, root.y);
+        }
+        for (uint batch = 2; batch <= 3; ++batch) {
+          for (uint i = batch; i < n; i += 2) {
+            Real3 near = read3(q, i - 1);
+            Real3 far = read3(q, i);
+            Real3 d;
+            if (method == 2) {  // Algorithm 4
+              Frame frame;
+              frame.x = read3(frame_x, i - 1);
+              frame.y = read3(frame_y, i - 1);
+              d = local_shape_error(frame, read3(local_edge, i), read3(remainder, i), far - near) * half_stiffness;
+            } else {  // Algorithm 5
+              d = (turn_with(head, read3(rest, i) - read3(rest, i - 1)) - (far - near)) * half_stiffness;
+            }
+            part(weights, i, d, &near, &far);
+            write3(q, i - 1, near);
+            write3(q, i, far);
+          }
+        }
+        // From the tip, so that each new frame still sees the old one before it.
+        for (uint i = n - 1; method == 2 && i >= 2; --i) {
+          Frame frame;
+          frame.x = read3(frame_x, i - 1);
+          frame.y = read3(frame_y, i - 1);
+          frame = turn_frame(frame, read3(q, i) - read3(q, i - 1));
+          write3(frame_x, i, frame.x);
+          write3(frame_y, i, frame.y);
+        }
+      }
+    }
+#endif
+
+#ifdef HAS_EDGE_LENGTHS
+    for (int iteration = 0; iteration < counts[kLengthIterations]; ++iteration) {
+      const __global Real* const length_of = state + block.length + lane;
+      for (uint batch = 2; batch <= 3; ++batch) {
+        for (uint i = batch; i < n; i += 2) {
+          const Real3 near = read3(q, i - 1);
+          const Real3 far = read3(q, i);
+          const Real3 edge = far - near;
+          Real error = relative_length_error(edge, read1(length_of, i));
+          Real w0 = i > 2 ? (Real)1 : (Real)0, w1 = (Real)1;
+#ifdef HAS_MASKED
+          if (weights.masked) {
+            error = error * read1(weights.active, i);
+            w0 = read1(weights.free, i - 1);
+            w1 = read1(weights.free, i);
+          }
+#endif
+          if (w0 > (Real)0) write3(q, i - 1, near + edge * (error * edge_share(w0, w1)));
+          write3(q, i, far - edge * (error * edge_share(w1, w0)));
+        }
+      }
+    }
+#endif
+
+#ifdef HAS_SPHERES
+    for (int k = 0; k < substep_ints[s * kSubstepInts + kSphereCount]; ++k) {
+      const __global Real* const sphere = spheres + 4 * (substep_ints[s * kSubstepInts + kSphereBegin] + k);
+      for (uint i = 2; i < n; ++i) {
+        const Real3 at = read3(q, i);
+        if (!(squared_distance(at, triple(sphere)) < sphere[3] * sphere[3])) continue;
+        Real is_free = (Real)1;
+#ifdef HAS_MASKED
+        if (weights.masked) is_free = read1(weights.free, i);
+#endif
+        write3(q, i, push_out_of_sphere(at, triple(sphere), sphere[3], is_free));
+      }
+    }
+#endif
+
+    __global Real* const other = p;
+    p = q;
+    q = other;
+  }
+}

@@ -1,0 +1,245 @@
+// Algorithm 1 with a block of strands per work-group and a vertex per work-item: the paper's mapping (its section 5), for
+// methods 2 to 4; right for few or long strands. Vertices of the block lie in memory that the group shares; constraints run
+// in two batches with a barrier between them. Where a block has more vertices than work-items, an item takes every
+// `rows`-th.
+//
+// This text is compiled twice: SHARED is __local, or __global for strands too long for it; NAME(x) tells functions apart.
+// `shared` holds SHARED_ROWS rows of 3 WIDTH numbers for each of `capacity` vertices: p, q, and with HAS_FRAMES x and y of
+// the frames, and with HAS_SCAN the products of the scan. `shared_stride`: numbers from one group's to the next's.
+
+static Real3 NAME(read_shared)(const SHARED Real* lane, uint i) {
+  lane += (size_t)i * ROW;
+  return (Real3)(lane[0], lane[WIDTH], lane[2 * WIDTH]);
+}
+static void NAME(write_shared)(SHARED Real* lane, uint i, Real3 v) {
+  lane += (size_t)i * ROW;
+  lane[0] = v.x;
+  lane[WIDTH] = v.y;
+  lane[2 * WIDTH] = v.z;
+}
+
+__kernel void NAME(advance_vertices)(
+    __global Real* state, const __global BlockRow* blocks, const __global uint* which,
+    const __global Real* region_reals, const __global int* region_ints, const __global Real* substep_reals,
+    const __global int* substep_ints, const __global Real* spheres, uint substep_count, uint swapped,
+    SHARED Real* shared_base, uint capacity, uint shared_stride) {
+  const BlockRow block = blocks[which[get_group_id(0)]];
+  const uint lane = get_local_id(0) % WIDTH;
+  const uint row = get_local_id(0) / WIDTH;
+  const uint rows = get_local_size(0) / WIDTH;
+  const uint n = block.vertices;
+  const __global Real* const rest = state + block.rest + lane;
+
+#ifdef HAS_RIDES
+  if (block.rides) {
+    const Head head = head_of(substep_reals + (substep_count - 1) * kSubstepReals);
+    for (uint i = row; i < n; i += rows) {
+      write3(state + block.position + lane, i, carry_with(head, read3(rest, i)));
+    }
+    return;
+  }
+#endif
+
+  SHARED Real* const shared = shared_base + get_group_id(0) * (size_t)shared_stride + lane;
+  SHARED Real* p = shared;
+  SHARED Real* q = shared + (size_t)capacity * ROW;
+#ifdef HAS_FRAMES
+  SHARED Real* const frame_x = shared + (size_t)2 * capacity * ROW;
+  SHARED Real* const frame_y = shared + (size_t)3 * capacity * ROW;
+#endif
+  __global Real* const p_state = state + (swapped ? block.previous : block.position) + lane;
+  __global Real* const q_state = state + (swapped ? block.position : block.previous) + lane;
+  const __global Real* const region = region_reals + block.region * kRegionReals;
+  const __global int* const counts = region_ints + block.region * kRegionInts;
+  const __global Real* const is_free = state + block.free + lane;
+  const __global Real* const is_active = state + block.active + lane;
+#ifdef HAS_MASKED
+  const bool masked = block.masked;
+#endif
+  const uint chunks = (n + rows - 1) / rows;  // the same for all items, as barriers want it
+
+  for (uint i = row; i < n; i += rows) {
+    NAME(write_shared)(p, i, read3(p_state, i));
+    NAME(write_shared)(q, i, read3(q_state, i));
+#ifdef HAS_METHOD_2
+    if (counts[kLocalShape] && LOCAL_METHOD_OF(counts) == 2) {
+      NAME(write_shared)(frame_x, i, read3(state + block.frame_x + lane, i));
+      NAME(write_shared)(frame_y, i, read3(state + block.frame_y + lane, i));
+    }
+#endif
+  }
+  SHARED_BARRIER;
+
+  for (uint s = 0; s < substep_count; ++s) {
+    const __global Real* const substep = substep_reals + s * kSubstepReals;
+    const Head head = head_of(substep);
+
+    // Forces, integration and global shape: old positions in p, new ones over q.
+    {
+      const Real keep = region[s == 0 ? kKeepFirst : kKeep];
+      const Real3 gravity = triple(region + kGravityH2);
+#ifdef HAS_WIND
+      const bool windy = counts[kWind];
+      const Real3 wind = windy ? wind_of(substep, state + block.wind_weight + lane, region[kDragH2]) : (Real3)(0);
+#endif
+      for (uint i = row; i < n; i += rows) {
+        if (i < 2) {
+          NAME(write_shared)(q, i, carry_with(head, read3(rest, i)));
+          continue;
+        }
+        const Real3 here = NAME(read_shared)(p, i);
+        Real3 accel_h2 = gravity;
+#ifdef HAS_WIND
+        if (windy) accel_h2 = accel_h2 + wind_across(wind, here - NAME(read_shared)(p, i - 1));
+#endif
+        Real3 moved = integrate(here, NAME(read_shared)(q, i), keep, accel_h2);
+#ifdef HAS_GLOBAL_SHAPE
+        if (counts[kGlobalShape] && i < block.global_end) {
+          const Real stiffness = region[kGlobalStiffness] * read1(state + block.fade + lane, i);
+          moved = pull_to_goal(moved, carry_with(head, read3(rest, i)),
+                               stiffness_at_step(stiffness, region[kStepRatio2]));
+        }
+#endif
+#ifdef HAS_MASKED
+        if (masked && !(read1(is_free, i) > (Real)0)) moved = carry_with(head, read3(rest, i));
+#endif
+        NAME(write_shared)(q, i, moved);
+      }
+    }
+    SHARED_BARRIER;
+
+#ifdef HAS_LOCAL_SHAPE
+    if (counts[kLocalShape]) {
+      const Real half_stiffness = region[kHalfLocalStiffness];
+      const int method = LOCAL_METHOD_OF(counts);
+      const __global Real* const local_edge = state + block.local_edge + lane;
+      const __global Real* const remainder = state + block.remainder + lane;
+#ifdef HAS_FRAMES
+      Frame root;
+      root.x = root.y = (Real3)(0);
+      if (method != 3) {
+        const __global Real* const rest_frame = state + block.root_frame + lane;
+        root.x = turn_with(head, read3(rest_frame, 0));
+        root.y = turn_with(head, read3(rest_frame, 1));
+        if (row == 0) {
+          NAME(write_shared)(frame_x, 1, root.x);
+          NAME(write_shared)(frame_y, 1, root.y);
+        }
+        SHARED_BARRIER;
+      }
+#endif
+      for (int iteration = 0; iteration < counts[kLocalIterations]; ++iteration) {
+        for (uint batch = 2; batch <= 3; ++batch) {
+          for (uint i = batch + 2 * row; i < n; i += 2 * rows) {
+            Real3 near = NAME(read_shared)(q, i - 1);
+            Real3 far = NAME(read_shared)(q, i);
+            Real3 d;
+            if (method == 3) {  // Algorithm 5
+              d = (turn_with(head, read3(rest, i) - read3(rest, i - 1)) - (far - near)) * half_stiffness;
+            } else {  // Algorithm 4, and frames that are newer
+#ifdef HAS_FRAMES
+              Frame frame;
+              frame.x = NAME(read_shared)(frame_x, i - 1);
+              frame.y = NAME(read_shared)(frame_y, i - 1);
+              d = local_shape_error(frame, read3(local_edge, i), read3(remainder, i), far - near) * half_stiffness;
+#endif
+            }
+#ifdef HAS_MASKED
+            if (masked) {
+              d = d * read1(is_active, i);
+              near = near - d * read1(is_free, i - 1);
+              far = far + d * read1(is_free, i);
+            } else
+#endif
+            {
+              if (i > 2) near = near - d;
+              far = far + d;
+            }
+            NAME(write_shared)(q, i - 1, near);
+            NAME(write_shared)(q, i, far);
+          }
+          SHARED_BARRIER;
+        }
+#ifdef HAS_METHOD_2
+        // From the tip, so that each new frame still sees the old one before it.
+        for (uint chunk = method == 2 ? chunks : 0; chunk-- > 0;) {
+          const uint i = chunk * rows + row;
+          Frame frame = root;
+          if (i >= 2 && i < n) {
+            frame.x = NAME(read_shared)(frame_x, i - 1);
+            frame.y = NAME(read_shared)(frame_y, i - 1);
+            frame = turn_frame(frame, NAME(read_shared)(q, i) - NAME(read_shared)(q, i - 1));
+          }
+          SHARED_BARRIER;
+          if (i >= 2 && i < n) {
+            NAME(write_shared)(frame_x, i, frame.x);
+            NAME(write_shared)(frame_y, i, frame.y);
+          }
+          SHARED_BARRIER;
+        }
+#endif
+      }
+    }
+#endif
+
+#ifdef HAS_EDGE_LENGTHS
+    for (int iteration = 0; iteration < counts[kLengthIterations]; ++iteration) {
+      for (uint batch = 2; batch <= 3; ++batch) {
+        for (uint i = batch + 2 * row; i < n; i += 2 * rows) {
+          const Real3 near = NAME(read_shared)(q, i - 1);
+          const Real3 far = NAME(read_shared)(q, i);
+          const Real3 edge = far - near;
+          Real error = relative_length_error(edge, read1(state + block.length + lane, i));
+          Real w0 = i > 2 ? (Real)1 : (Real)0, w1 = (Real)1;
+#ifdef HAS_MASKED
+          if (masked) {
+            error = error * read1(is_active, i);
+            w0 = read1(is_free, i - 1);
+            w1 = read1(is_free, i);
+          }
+#endif
+          if (w0 > (Real)0) NAME(write_shared)(q, i - 1, near + edge * (error * edge_share(w0, w1)));
+          NAME(write_shared)(q, i, far - edge * (error * edge_share(w1, w0)));
+        }
+        SHARED_BARRIER;
+      }
+    }
+#endif
+
+#ifdef HAS_SPHERES
+    for (uint i = row; i < n; i += rows) {
+      if (i < 2) continue;
+      Real3 at = NAME(read_shared)(q, i);
+      Real free_here = (Real)1;
+#ifdef HAS_MASKED
+      if (masked) free_here = read1(is_free, i);
+#endif
+      for (int k = 0; k < substep_ints[s * kSubstepInts + kSphereCount]; ++k) {
+        const __global Real* const sphere = spheres + 4 * (substep_ints[s * kSubstepInts + kSphereBegin] + k);
+        at = push_out_of_sphere(at, triple(sphere), sphere[3], free_here);
+      }
+      NAME(write_shared)(q, i, at);
+    }
+    SHARED_BARRIER;
+#endif
+
+    SHARED Real* const other = p;
+    p = q;
+    q = other;
+  }
+
+  // The state keeps what is newest where the number of substeps says.
+  const bool ends_swapped = (substep_count % 2 != 0);
+  __global Real* const p_to = ends_swapped ? q_state : p_state;
+  __global Real* const q_to = ends_swapped ? p_state : q_state;
+  for (uint i = row; i < n; i += rows) {
+    write3(p_to, i, NAME(read_shared)(p, i));
+    write3(q_to, i, NAME(read_shared)(q, i));
+#ifdef HAS_METHOD_2
+    if (counts[kLocalShape] && LOCAL_METHOD_OF(counts) == 2) {
+      write3(state + block.frame_x + lane, i, NAME(read_shared)(frame_x, i));
+      write3(state + block.frame_y + lane, i, NAME(read_shared)(frame_y, i));
+    }
+#endif
+  }
+}

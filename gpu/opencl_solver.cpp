@@ -1,0 +1,702 @@
+#include "gpu/opencl_solver.h"
+
+#include <omp.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <vector>
+
+#include "gpu/kernels/layout.h"
+#include "gpu/program.h"
+#include "sim/large_array.h"
+#include "sim/parallel.h"
+#include "sim/strand_blocks.h"
+
+namespace strandbake {
+namespace {
+
+constexpr std::size_t kItemGroup = 64;            // work-items of a group where each has a strand
+constexpr std::size_t kVertexGroup = 256;         // and, at most, where each has a vertex
+constexpr std::size_t kManyStrands = 8192;        // enough to keep a device busy with a strand per work-item
+constexpr std::size_t kScratchBytes = 64u << 20;  // for strands that are too long for local memory, of one launch
+
+Mapping mapping_of(const RegionPlan& region, Mapping asked, std::size_t strands) {
+  if (region.local_shape && region.local_method == 1) return Mapping::Strands;
+  if (region.local_shape && region.local_method == 4) return Mapping::Vertices;
+  if (asked != Mapping::Auto) return asked;
+  return strands >= kManyStrands ? Mapping::Strands : Mapping::Vertices;
+}
+
+template <class T>
+struct OpenCLName;
+template <>
+struct OpenCLName<float> {
+  static constexpr const char* value = "float";
+};
+template <>
+struct OpenCLName<double> {
+  static constexpr const char* value = "double";
+};
+
+// Vectors of three numbers a vertex that a group shares: p and q, and what the methods need.
+struct SharedRows {
+  bool frames = false;    // x and y
+  bool method_2 = false;  // they are state
+  bool scan = false;
+  std::size_t count() const { return 2 + (frames ? 2u : 0u) + (scan ? 1u : 0u); }
+};
+
+// Groups that run in one launch of a kernel.
+struct Launch {
+  enum class Kind { Strands, Vertices, LongVertices };
+  Kind kind;
+  Buffer which;  // block numbers within the batch
+  std::size_t blocks = 0;
+  std::size_t capacity = 0;  // vertices of the longest
+};
+
+// Strands whose state is one buffer.
+struct Batch {
+  std::size_t first_block = 0, block_count = 0;
+  std::size_t first_number = 0, numbers = 0;  // of the state as a whole
+  Buffer state;                               // where batches are streamed, all share one: empty
+  std::vector<BlockRow> rows;                 // [block_count]
+  Buffer blocks, targets;
+  std::vector<Launch> launches;
+};
+
+template <class Scalar>
+class Implementation final : public OpenCLSolver {
+ public:
+  Implementation(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head, const Device& device,
+                 const OpenCLOptions& options);
+  ~Implementation() override {
+    // Nothing may still be at work on memory that goes away.
+    if (compute_) opencl().Finish(compute_.get());
+    if (transfer_) opencl().Finish(transfer_.get());
+  }
+
+  using Solver::advance;
+  void advance(const FrameInput& input, std::span<Eigen::Vector3f> out, const Alongside& alongside) override;
+  void expect(const FrameInput& next) override { expected_ = next; }
+  void read(std::span<Eigen::Vector3f> out) const override { read_as(out); }
+  void read(std::span<Eigen::Vector3d> out) const override { read_as(out); }
+  std::optional<NonFinite> find_non_finite() const override { return non_finite_; }
+  std::size_t state_bytes() const override { return numbers_ * sizeof(Scalar); }
+  WorkCount work() const override { return {}; }
+  OpenCLReport report() const override { return report_; }
+  double kernel_seconds() const override { return kernel_seconds_; }
+
+ private:
+  Buffer make_buffer(std::size_t bytes, const void* content, cl_mem_flags flags = CL_MEM_READ_WRITE) const;
+  template <class... Arguments>
+  void set(const Kernel& kernel, const Arguments&... arguments) const;
+  void choose_width(const Groom& groom);
+  std::string build_options(bool any_masked, bool any_rides) const;
+  void cut_into_batches(std::uint64_t budget);
+  void make_batch(Batch& batch, const Groom& groom);
+  void start(const FrameInput& input);
+  void simulate(const Batch& batch, cl_mem state, cl_uint substeps);
+  void gather(const Batch& batch, cl_mem state, cl_uint swapped) const;
+  void run_batches(cl_uint substeps);
+  template <class Work>
+  void with_state_on_host(const Work& work) const;
+  template <class Out>
+  void read_as(std::span<Out> out) const;
+  void find_non_finite_in(std::span<const Eigen::Vector3f> positions);
+  void count_kernel_time();
+
+  const OpenCL& cl_ = opencl();
+  Device device_;
+  OpenCLOptions options_;
+  Plan plan_;
+  std::vector<std::uint64_t> offset_;
+  SharedRows shared_rows_;
+  std::optional<StrandBlocks<Scalar>> strands_;
+  std::vector<Mapping> mapping_;           // [regions]
+  std::size_t numbers_ = 0;                // of the state
+  mutable LargeArray<Scalar> host_state_;  // where batches are streamed
+
+  // In the order in which they have to go: queues and kernels before buffers, all before the context.
+  Context context_;
+  Buffer region_reals_, region_ints_, substep_reals_, substep_ints_, spheres_, scratch_, streamed_state_;
+  Buffer positions_, not_finite_;
+  Program program_;
+  Kernel advance_strands_, advance_vertices_, long_advance_vertices_, gather_;
+  std::vector<Batch> batches_;
+  Queue compute_, transfer_;
+  std::vector<Event> events_;     // of the kernels that simulate the frame started last
+  std::vector<Event> finishing_;  // and the one before it
+
+  bool swapped_ = false;       // the newest positions stand in Block::previous
+  double substep_before_ = 0;  // [s], 0 before the first frame
+  std::optional<FrameInput> expected_;
+  bool started_ = false;  // the device is at work on the frame that the next advance() will ask for
+  std::optional<NonFinite> non_finite_;
+  double kernel_seconds_ = 0;
+  OpenCLReport report_;
+};
+
+template <class Scalar>
+Buffer Implementation<Scalar>::make_buffer(std::size_t bytes, const void* content, cl_mem_flags flags) const {
+  cl_int status = CL_SUCCESS;
+  // Copied as it is made: a write would wait in the queue behind kernels.
+  const bool copies = content != nullptr && bytes > 0;
+  if (copies) flags |= CL_MEM_COPY_HOST_PTR;
+  Buffer buffer(cl_.CreateBuffer(context_.get(), flags, std::max<std::size_t>(bytes, 1),
+                                 copies ? const_cast<void*>(content) : nullptr, &status));
+  check_opencl(status, "reserve memory");
+  return buffer;
+}
+
+// A buffer, a number, or LocalMemory.
+struct LocalMemory {
+  std::size_t bytes;
+};
+
+template <class Scalar>
+template <class... Arguments>
+void Implementation<Scalar>::set(const Kernel& kernel, const Arguments&... arguments) const {
+  cl_uint index = 0;
+  const auto one = [&](const auto& argument) {
+    using Argument = std::decay_t<decltype(argument)>;
+    cl_int status = CL_SUCCESS;
+    if constexpr (std::is_same_v<Argument, LocalMemory>) {
+      status = cl_.SetKernelArg(kernel.get(), index++, argument.bytes, nullptr);
+    } else {
+      status = cl_.SetKernelArg(kernel.get(), index++, sizeof argument, &argument);
+    }
+    check_opencl(status, "take a kernel's argument");
+  };
+  (one(arguments), ...);
+}
+
+// By vertices, as many strands as make a group of kVertexGroup items, and by strands alone as many as a group has
+// items.
+template <class Scalar>
+void Implementation<Scalar>::choose_width(const Groom& groom) {
+  std::size_t longest = 0;
+  for (std::size_t s = 0; s < groom.strand_count(); ++s) {
+    const std::uint32_t region = groom.region.empty() ? 0 : groom.region[s];
+    if (region < mapping_.size() && mapping_[region] == Mapping::Vertices) {
+      longest = std::max(longest, groom.vertex_count(s));
+    }
+  }
+  std::size_t width = kItemGroup;
+  while (longest > 0 && width > 1 && width * longest > std::min(kVertexGroup, device_.largest_group)) width /= 2;
+  report_.strands_in_a_block = static_cast<int>(width);
+}
+
+template <class Scalar>
+std::string Implementation<Scalar>::build_options(bool any_masked, bool any_rides) const {
+  std::string options = std::string("-DREAL=") + OpenCLName<Scalar>::value + " -DREAL3=" + OpenCLName<Scalar>::value +
+                        "3 -DWIDTH=" + std::to_string(strands_->width) + " -DITEM_GROUP=" + std::to_string(kItemGroup);
+  const auto define = [&](bool condition, const char* name) {
+    if (condition) options += std::string(" -D") + name;
+  };
+  const auto any = [&](const auto& has) { return std::any_of(plan_.regions.begin(), plan_.regions.end(), has); };
+  define(any_masked, "HAS_MASKED");
+  define(any_rides, "HAS_RIDES");
+  define(any([](const RegionPlan& r) { return r.wind; }), "HAS_WIND");
+  define(any([](const RegionPlan& r) { return r.global_shape; }), "HAS_GLOBAL_SHAPE");
+  define(any([](const RegionPlan& r) { return r.local_shape; }), "HAS_LOCAL_SHAPE");
+  define(any([](const RegionPlan& r) { return r.edge_lengths; }), "HAS_EDGE_LENGTHS");
+  define(shared_rows_.frames, "HAS_FRAMES");
+  define(shared_rows_.scan, "HAS_SCAN");
+  define(shared_rows_.method_2, "HAS_METHOD_2");
+  define(plan_.colliders, "HAS_SPHERES");
+  int method = 0;  // that all regions with local shape agree on, -1: they do not
+  for (const RegionPlan& region : plan_.regions) {
+    if (region.local_shape) method = method == 0 || method == region.local_method ? region.local_method : -1;
+  }
+  if (method > 0) options += " -DLOCAL_METHOD=" + std::to_string(method);
+  // Options that a driver does not know would fail the build; where a device cannot divide exactly there is none.
+  cl_device_fp_config config{};
+  cl_.GetDeviceInfo(device_.id, CL_DEVICE_SINGLE_FP_CONFIG, sizeof config, &config, nullptr);
+  if ((config & CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT) != 0) options += " -cl-fp32-correctly-rounded-divide-sqrt";
+  return options;
+}
+
+// Whole blocks, as many as fit `budget` bytes and the device's largest buffer.
+template <class Scalar>
+void Implementation<Scalar>::cut_into_batches(std::uint64_t budget) {
+  batches_.clear();
+  // Places in a batch are 32-bit numbers.
+  const std::uint64_t most = std::min({budget, device_.largest_buffer, std::uint64_t{kAbsent} * sizeof(Scalar)});
+  const std::size_t blocks = strands_->blocks.size();
+  const auto start_of = [&](std::size_t b) {
+    return b < blocks ? static_cast<std::size_t>(strands_->blocks[b].block.position - host_state_.data()) : numbers_;
+  };
+  for (std::size_t b = 0; b < blocks;) {
+    Batch batch;
+    batch.first_block = b;
+    batch.first_number = start_of(b);
+    while (b < blocks && (b == batch.first_block || (start_of(b + 1) - batch.first_number) * sizeof(Scalar) <= most)) {
+      ++b;
+    }
+    batch.block_count = b - batch.first_block;
+    batch.numbers = start_of(b) - batch.first_number;
+    if (batch.numbers * sizeof(Scalar) > device_.largest_buffer) {
+      throw DeviceMemoryError("strands of " + std::to_string(strands_->longest) +
+                              " vertices are too long for the device's largest buffer");
+    }
+    batches_.push_back(std::move(batch));
+  }
+}
+
+template <class Scalar>
+void Implementation<Scalar>::make_batch(Batch& batch, const Groom& groom) {
+  const Scalar* const base = host_state_.data() + batch.first_number;
+  std::vector<BlockRow>& rows = batch.rows;
+  std::vector<Target> targets;
+  struct Bucket {
+    Launch::Kind kind;
+    std::size_t size;  // a power of two above all strands in it; 0 for strands
+    std::size_t capacity = 0;
+    std::vector<cl_uint> which = {};
+  };
+  std::vector<Bucket> buckets;
+  for (std::size_t b = 0; b < batch.block_count; ++b) {
+    const Placed<Scalar>& placed = strands_->blocks[batch.first_block + b];
+    const Block<Scalar>& block = placed.block;
+    const auto place = [&](const Scalar* array) {
+      return array == nullptr ? kAbsent : static_cast<uint>(array - base);
+    };
+    BlockRow row{};
+    row.vertices = static_cast<uint>(block.vertices);
+    row.region = placed.region;
+    row.masked = block.masked;
+    row.rides = block.rides;
+    row.global_end = static_cast<uint>(block.global_end);
+    row.position = place(block.position);
+    row.previous = place(block.previous);
+    row.rest = place(block.rest);
+    row.root_frame = place(block.root_frame);
+    row.local_edge = place(block.local_edge);
+    row.remainder = place(block.remainder);
+    row.frame_x = place(block.frame_x);
+    row.frame_y = place(block.frame_y);
+    row.length = place(block.length);
+    row.fade = place(block.fade);
+    row.free = place(block.free);
+    row.active = place(block.active);
+    row.wind_weight = place(block.wind_weight);
+    rows.push_back(row);
+    for (int lane = 0; lane < strands_->width; ++lane) {
+      Target target{0, 0};
+      if (lane < placed.count) {
+        const std::size_t strand = strands_->strand_order[placed.first + static_cast<std::size_t>(lane)];
+        target = {static_cast<uint>(offset_[strand]), static_cast<uint>(groom.vertex_count(strand))};
+      }
+      targets.push_back(target);
+    }
+    const auto vertices = static_cast<std::size_t>(block.vertices);
+    Bucket wanted{Launch::Kind::Strands, 0};
+    if (mapping_[placed.region] == Mapping::Vertices) {
+      wanted.size = 8;
+      while (wanted.size < vertices) wanted.size *= 2;
+      const std::size_t bytes =
+          shared_rows_.count() * 3 * vertices * static_cast<std::size_t>(strands_->width) * sizeof(Scalar);
+      wanted.kind = bytes <= device_.local_memory ? Launch::Kind::Vertices : Launch::Kind::LongVertices;
+    }
+    auto bucket = std::find_if(buckets.begin(), buckets.end(),
+                               [&](const Bucket& x) { return x.kind == wanted.kind && x.size == wanted.size; });
+    if (bucket == buckets.end()) bucket = buckets.insert(buckets.end(), wanted);
+    // Those that do not fit the scratch memory together run one after the other.
+    bucket->capacity = std::max(bucket->capacity, vertices);
+    bucket->which.push_back(static_cast<cl_uint>(b));
+  }
+  batch.blocks = make_buffer(rows.size() * sizeof(BlockRow), rows.data(), CL_MEM_READ_ONLY);
+  batch.targets = make_buffer(targets.size() * sizeof(Target), targets.data(), CL_MEM_READ_ONLY);
+  for (const Bucket& bucket : buckets) {
+    std::size_t at_once = bucket.which.size();
+    if (bucket.kind == Launch::Kind::LongVertices) {
+      const std::size_t bytes =
+          shared_rows_.count() * 3 * bucket.capacity * static_cast<std::size_t>(strands_->width) * sizeof(Scalar);
+      at_once = std::max<std::size_t>(1, kScratchBytes / bytes);
+    }
+    for (std::size_t first = 0; first < bucket.which.size(); first += at_once) {
+      Launch launch;
+      launch.kind = bucket.kind;
+      launch.blocks = std::min(at_once, bucket.which.size() - first);
+      launch.capacity = bucket.capacity;
+      launch.which = make_buffer(launch.blocks * sizeof(cl_uint), bucket.which.data() + first, CL_MEM_READ_ONLY);
+      (bucket.kind == Launch::Kind::Strands    ? report_.strand_blocks
+       : bucket.kind == Launch::Kind::Vertices ? report_.vertex_blocks
+                                               : report_.long_blocks) += launch.blocks;
+      batch.launches.push_back(std::move(launch));
+    }
+  }
+}
+
+template <class Scalar>
+Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head,
+                                       const Device& device, const OpenCLOptions& options)
+    : device_(device), options_(options), plan_(plan), offset_(groom.offset) {
+  if (sizeof(Scalar) == 8 && !device.exact_double) {
+    throw DeviceError(device.name + " has no double precision; use precision = \"float\" or --backend openmp");
+  }
+  if (groom.vertex_count() > kAbsent)
+    throw DeviceError("a groom of over 4,294,967,295 vertices needs --backend openmp");
+  for (const RegionPlan& region : plan.regions) {
+    mapping_.push_back(mapping_of(region, options.mapping, groom.strand_count()));
+    if (!region.local_shape || mapping_.back() != Mapping::Vertices) continue;
+    shared_rows_.frames |= region.local_method != 3;
+    shared_rows_.method_2 |= region.local_method == 2;
+    shared_rows_.scan |= region.local_method == 4;
+  }
+  choose_width(groom);
+  strands_.emplace(groom, plan, report_.strands_in_a_block, options.threads, options.skip);
+  numbers_ = strands_->lay_out(plan, nullptr);
+  host_state_ = LargeArray<Scalar>(numbers_);
+  strands_->lay_out(plan, host_state_.data());
+  const HeadTransform<Scalar> start(head);
+  const auto block_count = static_cast<std::ptrdiff_t>(strands_->blocks.size());
+  FirstException failure;
+#pragma omp parallel for num_threads(options.threads) schedule(dynamic, 8)
+  for (std::ptrdiff_t b = 0; b < block_count; ++b) {
+    failure.guard([&] { strands_->fill(groom, plan, start, strands_->blocks[static_cast<std::size_t>(b)]); });
+  }
+  failure.rethrow();
+
+  cl_int status = CL_SUCCESS;
+  context_ = Context(cl_.CreateContext(nullptr, 1, &device_.id, nullptr, nullptr, &status));
+  check_opencl(status, "be opened");
+  compute_ = Queue(cl_.CreateCommandQueue(context_.get(), device_.id, CL_QUEUE_PROFILING_ENABLE, &status));
+  check_opencl(status, "open a queue");
+  transfer_ = Queue(cl_.CreateCommandQueue(context_.get(), device_.id, 0, &status));
+  check_opencl(status, "open a queue");
+
+  bool any_masked = false, any_rides = false;
+  for (const Placed<Scalar>& placed : strands_->blocks) {
+    any_masked |= placed.block.masked;
+    any_rides |= placed.block.rides;
+  }
+  BuiltProgram built =
+      build_program(context_.get(), device_, build_options(any_masked, any_rides), options.program_cache);
+  program_ = std::move(built.program);
+  report_.program_from_cache = built.from_cache;
+  const auto kernel = [&](const char* name) {
+    Kernel made(cl_.CreateKernel(program_.get(), name, &status));
+    check_opencl(status, "make a kernel");
+    return made;
+  };
+  advance_strands_ = kernel("advance_strands");
+  advance_vertices_ = kernel("advance_vertices");
+  long_advance_vertices_ = kernel("long_advance_vertices");
+  gather_ = kernel("gather");
+
+  positions_ = make_buffer(sizeof(Eigen::Vector3f) * groom.vertex_count(), nullptr);
+  const cl_uint none = 0;
+  not_finite_ = make_buffer(sizeof none, &none);
+
+  // All hair on the device if it fits, else batch after batch.
+  const std::uint64_t budget = options.memory > 0 ? options.memory : device_.memory;
+  try {
+    if (numbers_ * sizeof(Scalar) > budget) throw DeviceMemoryError("the hair is larger than the memory");
+    cut_into_batches(budget);
+    for (Batch& batch : batches_) {
+      batch.state = make_buffer(batch.numbers * sizeof(Scalar), host_state_.data() + batch.first_number);
+    }
+  } catch (const DeviceMemoryError&) {
+    report_.streamed = true;
+    // Devices reserve memory when it is used first, so that only trying tells.
+    for (std::uint64_t part = budget / 2;; part /= 2) {
+      try {
+        cut_into_batches(part);
+        const auto largest = std::max_element(batches_.begin(), batches_.end(),
+                                              [](const Batch& a, const Batch& b) { return a.numbers < b.numbers; });
+        streamed_state_ = make_buffer(largest->numbers * sizeof(Scalar), host_state_.data() + largest->first_number);
+        break;
+      } catch (const DeviceMemoryError&) {
+        if (batches_.size() >= strands_->blocks.size()) throw;
+      }
+    }
+  }
+  std::size_t scratch_bytes = 0;
+  for (Batch& batch : batches_) {
+    make_batch(batch, groom);
+    for (const Launch& launch : batch.launches) {
+      const std::size_t bytes =
+          shared_rows_.count() * 3 * launch.capacity * static_cast<std::size_t>(strands_->width) * sizeof(Scalar);
+      if (launch.kind == Launch::Kind::LongVertices) scratch_bytes = std::max(scratch_bytes, launch.blocks * bytes);
+      if (launch.kind == Launch::Kind::Vertices)
+        report_.local_bytes = std::max<std::uint64_t>(report_.local_bytes, bytes);
+    }
+  }
+  scratch_ = make_buffer(scratch_bytes, nullptr);
+  if (!report_.streamed) host_state_ = {};
+  report_.batches = static_cast<int>(batches_.size());
+}
+
+template <class Scalar>
+void Implementation<Scalar>::simulate(const Batch& batch, cl_mem state, cl_uint substeps) {
+  const cl_uint swapped = swapped_;
+  const auto width = static_cast<std::size_t>(strands_->width);
+  for (const Launch& launch : batch.launches) {
+    const Kernel* kernel = &advance_strands_;
+    std::size_t local = kItemGroup;
+    std::size_t global = (launch.blocks * width + local - 1) / local * local;
+    if (launch.kind == Launch::Kind::Strands) {
+      set(*kernel, state, batch.blocks.get(), launch.which.get(), static_cast<cl_uint>(launch.blocks),
+          region_reals_.get(), region_ints_.get(), substep_reals_.get(), substep_ints_.get(), spheres_.get(), substeps,
+          swapped);
+    } else {
+      const bool is_long = launch.kind == Launch::Kind::LongVertices;
+      kernel = is_long ? &long_advance_vertices_ : &advance_vertices_;
+      std::size_t most = 0;
+      check_opencl(
+          cl_.GetKernelWorkGroupInfo(kernel->get(), device_.id, CL_KERNEL_WORK_GROUP_SIZE, sizeof most, &most, nullptr),
+          "tell about a kernel");
+      most = std::max(std::min(most, std::max(kVertexGroup, width)), width);
+      // Powers of two: some drivers compile anew for each size.
+      local = width * std::min(std::bit_ceil(std::max<std::size_t>(launch.capacity, 8)), std::bit_floor(most / width));
+      global = local * launch.blocks;
+      const std::size_t numbers = shared_rows_.count() * 3 * launch.capacity * width;
+      const auto capacity = static_cast<cl_uint>(launch.capacity);
+      const auto common = [&](const auto&... rest) {
+        set(*kernel, state, batch.blocks.get(), launch.which.get(), region_reals_.get(), region_ints_.get(),
+            substep_reals_.get(), substep_ints_.get(), spheres_.get(), substeps, swapped, rest...);
+      };
+      if (is_long) {
+        common(scratch_.get(), capacity, static_cast<cl_uint>(numbers));
+      } else {
+        common(LocalMemory{numbers * sizeof(Scalar)}, capacity, cl_uint{0});
+      }
+      report_.group_items = std::max(report_.group_items, local);
+    }
+    cl_event event = nullptr;
+    check_opencl(
+        cl_.EnqueueNDRangeKernel(compute_.get(), kernel->get(), 1, nullptr, &global, &local, 0, nullptr, &event),
+        "run a kernel");
+    events_.emplace_back(event);
+  }
+}
+
+template <class Scalar>
+void Implementation<Scalar>::gather(const Batch& batch, cl_mem state, cl_uint swapped) const {
+  set(gather_, state, batch.blocks.get(), batch.targets.get(), swapped, positions_.get(), not_finite_.get());
+  const std::size_t global[] = {batch.block_count * static_cast<std::size_t>(strands_->width), 8};
+  check_opencl(
+      cl_.EnqueueNDRangeKernel(compute_.get(), gather_.get(), 2, nullptr, global, nullptr, 0, nullptr, nullptr),
+      "run a kernel");
+}
+
+// Hands a frame's input to the device and lets it begin.
+template <class Scalar>
+void Implementation<Scalar>::start(const FrameInput& input) {
+  check_against_plan(plan_, input);
+  std::vector<Scalar> region_reals;
+  std::vector<cl_int> region_ints;
+  for (const RegionParams& params : input.regions) {
+    const RegionPlan& plan = plan_.regions[region_ints.size() / kRegionInts];
+    const RegionStep<Scalar> step = region_step<Scalar>(params, plan, input, substep_before_, options_.skip);
+    Scalar reals[kRegionReals];
+    reals[kKeepFirst] = step.keep_first;
+    reals[kKeep] = step.keep;
+    std::copy(std::begin(step.gravity_h2), std::end(step.gravity_h2), reals + kGravityH2);
+    reals[kDragH2] = step.drag_h2;
+    reals[kGlobalStiffness] = step.global_stiffness;
+    reals[kStepRatio2] = step.step_ratio2;
+    reals[kHalfLocalStiffness] = step.half_local_stiffness;
+    region_reals.insert(region_reals.end(), std::begin(reals), std::end(reals));
+    cl_int ints[kRegionInts];
+    ints[kWind] = step.wind;
+    ints[kGlobalShape] = step.global_shape;
+    ints[kLocalShape] = step.local_shape;
+    ints[kLocalMethod] = step.local_method;
+    ints[kLocalIterations] = step.local_iterations;
+    ints[kLengthIterations] = step.length_iterations;
+    region_ints.insert(region_ints.end(), std::begin(ints), std::end(ints));
+  }
+  const FrameSteps<Scalar> steps = frame_steps<Scalar>(input);
+  std::vector<Scalar> substep_reals;
+  std::vector<cl_int> substep_ints;
+  for (const Substep<Scalar>& substep : steps.substeps) {
+    substep_reals.insert(substep_reals.end(), std::begin(substep.rotation), std::end(substep.rotation));
+    substep_reals.insert(substep_reals.end(), std::begin(substep.translation), std::end(substep.translation));
+    substep_reals.insert(substep_reals.end(), std::begin(substep.wind), std::end(substep.wind));
+    substep_ints.push_back(static_cast<cl_int>((substep.spheres - steps.spheres.data()) / 4));
+    substep_ints.push_back(substep.sphere_count);
+  }
+  const auto renew = [&](Buffer& buffer, const auto& content) {
+    buffer = make_buffer(content.size() * sizeof(content[0]), content.data(), CL_MEM_READ_ONLY);
+  };
+  renew(region_reals_, region_reals);
+  renew(region_ints_, region_ints);
+  renew(substep_reals_, substep_reals);
+  renew(substep_ints_, substep_ints);
+  renew(spheres_, steps.spheres);
+
+  run_batches(static_cast<cl_uint>(steps.substeps.size()));
+  substep_before_ = input.substep;
+}
+
+// A frame of all strands, then their positions in the order of the groom.
+template <class Scalar>
+void Implementation<Scalar>::run_batches(cl_uint substeps) {
+  const bool ends_swapped = swapped_ != (substeps % 2 != 0);
+  for (const Batch& batch : batches_) {
+    if (!report_.streamed) {
+      simulate(batch, batch.state.get(), substeps);
+      continue;
+    }
+    Scalar* const home = host_state_.data() + batch.first_number;
+    const std::size_t bytes = batch.numbers * sizeof(Scalar);
+    cl_mem const state = streamed_state_.get();
+    check_opencl(cl_.EnqueueWriteBuffer(compute_.get(), state, CL_FALSE, 0, bytes, home, 0, nullptr, nullptr),
+                 "take data");
+    simulate(batch, state, substeps);
+    check_opencl(cl_.EnqueueReadBuffer(compute_.get(), state, CL_FALSE, 0, bytes, home, 0, nullptr, nullptr),
+                 "hand back data");
+    gather(batch, state, ends_swapped);
+  }
+  swapped_ = ends_swapped;
+  check_opencl(cl_.Flush(compute_.get()), "start");
+}
+
+template <class Scalar>
+void Implementation<Scalar>::count_kernel_time() {
+  for (const Event& event : finishing_) {
+    cl_ulong begin = 0, end = 0;
+    cl_.GetEventProfilingInfo(event.get(), CL_PROFILING_COMMAND_START, sizeof begin, &begin, nullptr);
+    cl_.GetEventProfilingInfo(event.get(), CL_PROFILING_COMMAND_END, sizeof end, &end, nullptr);
+    kernel_seconds_ += 1e-9 * static_cast<double>(end - begin);
+  }
+  finishing_.clear();
+}
+
+template <class Scalar>
+void Implementation<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vector3f> out,
+                                     const Alongside& alongside) {
+  if (!out.empty() && out.size() != offset_.back()) {
+    throw std::invalid_argument("positions are asked for in a place that does not hold one for each vertex");
+  }
+  if (!started_) start(input);
+  started_ = false;
+  std::swap(events_, finishing_);
+  if (!report_.streamed) {
+    for (const Batch& batch : batches_) gather(batch, batch.state.get(), swapped_);
+  }
+  // The flag is read by the queue that computes, so it tells when positions are ready for the other one.
+  cl_uint not_finite = 0;
+  cl_event event = nullptr;
+  check_opencl(cl_.EnqueueReadBuffer(compute_.get(), not_finite_.get(), CL_FALSE, 0, sizeof not_finite, &not_finite, 0,
+                                     nullptr, &event),
+               "hand back data");
+  const Event ready(event);
+  Event here;
+  const auto read_positions = [&](std::span<Eigen::Vector3f> to) {
+    cl_event done = nullptr;
+    cl_event const after = ready.get();
+    check_opencl(cl_.EnqueueReadBuffer(transfer_.get(), positions_.get(), CL_FALSE, 0, to.size_bytes(), to.data(), 1,
+                                       &after, &done),
+                 "hand back data");
+    here = Event(done);
+    check_opencl(cl_.Flush(transfer_.get()), "start");
+  };
+  check_opencl(cl_.Flush(compute_.get()), "start");
+  if (!out.empty()) read_positions(out);
+  // The device goes on with the next frame while the positions of this one travel.
+  if (expected_ && !report_.streamed) {
+    start(*expected_);
+    started_ = true;
+  }
+  expected_.reset();
+
+  FirstException failure;
+  if (alongside) {
+#pragma omp parallel num_threads(options_.threads)
+    failure.guard([&] {
+      alongside(true);
+      alongside(false);
+    });
+  }
+  cl_event const waited[] = {ready.get(), here.get()};
+  check_opencl(cl_.WaitForEvents(here ? 2 : 1, waited), "finish a frame");
+  count_kernel_time();
+  if (not_finite != 0) {
+    std::vector<Eigen::Vector3f> positions;
+    if (out.empty()) {
+      positions.resize(offset_.back());
+      out = positions;
+      read_positions(out);
+      cl_event const read = here.get();
+      check_opencl(cl_.WaitForEvents(1, &read), "finish a frame");
+    }
+    find_non_finite_in(out);
+  }
+  failure.rethrow();
+}
+
+template <class Scalar>
+void Implementation<Scalar>::find_non_finite_in(std::span<const Eigen::Vector3f> positions) {
+  for (std::size_t strand = 0; strand + 1 < offset_.size(); ++strand) {
+    // Free vertices first: a bad one spoils the pinned ones beside it.
+    const std::size_t count = offset_[strand + 1] - offset_[strand];
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::size_t vertex = (k + 2) % count;
+      if (positions[offset_[strand] + vertex].allFinite()) continue;
+      non_finite_ = NonFinite{strand, vertex};
+      return;
+    }
+  }
+}
+
+// work(batch, its state)
+template <class Scalar>
+template <class Work>
+void Implementation<Scalar>::with_state_on_host(const Work& work) const {
+  if (started_) throw std::logic_error("the device is at work on the next frame already");
+  for (const Batch& batch : batches_) {
+    if (report_.streamed) {
+      work(batch, host_state_.data() + batch.first_number);
+      continue;
+    }
+    std::vector<Scalar> state(batch.numbers);
+    check_opencl(cl_.EnqueueReadBuffer(compute_.get(), batch.state.get(), CL_TRUE, 0, batch.numbers * sizeof(Scalar),
+                                       state.data(), 0, nullptr, nullptr),
+                 "hand back data");
+    work(batch, state.data());
+  }
+}
+
+template <class Scalar>
+template <class Out>
+void Implementation<Scalar>::read_as(std::span<Out> out) const {
+  using Component = typename Out::Scalar;
+  const auto width = static_cast<std::size_t>(strands_->width);
+  with_state_on_host([&](const Batch& batch, const Scalar* state) {
+    for (std::size_t b = 0; b < batch.block_count; ++b) {
+      const Placed<Scalar>& placed = strands_->blocks[batch.first_block + b];
+      const BlockRow& row_of_block = batch.rows[b];
+      const uint at = swapped_ && !placed.block.rides ? row_of_block.previous : row_of_block.position;
+      for (int lane = 0; lane < placed.count; ++lane) {
+        const std::size_t strand = strands_->strand_order[placed.first + static_cast<std::size_t>(lane)];
+        for (std::size_t v = offset_[strand]; v < offset_[strand + 1]; ++v) {
+          const Scalar* const row = state + at + strands_->row_at(v - offset_[strand], lane);
+          for (std::size_t axis = 0; axis < 3; ++axis) {
+            out[v][static_cast<Eigen::Index>(axis)] = static_cast<Component>(row[axis * width]) + 0;
+          }
+        }
+      }
+    }
+  });
+}
+
+}  // namespace
+
+std::unique_ptr<OpenCLSolver> make_opencl_solver(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head,
+                                                 const Device& device, const OpenCLOptions& options) {
+  if (options.precision == Precision::Double) {
+    return std::make_unique<Implementation<double>>(groom, plan, head, device, options);
+  }
+  return std::make_unique<Implementation<float>>(groom, plan, head, device, options);
+}
+
+}  // namespace strandbake

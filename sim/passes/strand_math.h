@@ -4,6 +4,7 @@
 //   Real            a number: float, double, or W of either (Lanes)
 //   VEC3            three of them, with + and - and * by a Real
 //   FRAME           the orthonormal frame of a vertex: x and y; z = x × y
+//   TWIST           a turn in the plane: cosine and sine of its angle, as a complex number
 //   STRAND_FN       a pure function on values; no overloads, no pointers, no references, no name of an OpenCL function
 //   SELECT(m, a, b) a where the comparison m holds, else b; a and b are both computed
 //   SQRT(a)         exactly rounded
@@ -23,6 +24,10 @@ typedef struct {
   Real3 x, y;
 } Frame;
 #define FRAME Frame
+typedef struct {
+  Real re, im;
+} Twist;
+#define TWIST Twist
 #define SELECT(m, a, b) ((m) ? (a) : (b))
 #define SQRT(a) sqrt(a)
 #define STRAND_MATH_BEGIN
@@ -35,6 +40,7 @@ typedef struct {
   inline __attribute__((always_inline))
 #define VEC3 Vec3<Real>
 #define FRAME Frame<Real>
+#define TWIST Twist<Real>
 #define SELECT(m, a, b) select(m, a, b)
 #define SQRT(a) square_root(a)
 #define STRAND_MATH_BEGIN namespace strandbake {
@@ -74,6 +80,11 @@ STRAND_FN VEC3 operator*(VEC3 a, Real s) {
 template <class Real>
 struct Frame {
   VEC3 x, y;
+};
+
+template <class Real>
+struct Twist {
+  Real re, im;
 };
 
 }  // namespace strandbake

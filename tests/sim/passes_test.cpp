@@ -9,6 +9,7 @@
 #include "sim/lanes.h"
 #include "sim/passes/collide.h"
 #include "sim/passes/edge_length.h"
+#include "sim/passes/frame_scan.h"
 #include "sim/passes/global_shape.h"
 #include "sim/passes/integrate.h"
 #include "sim/passes/local_shape.h"
@@ -204,6 +205,64 @@ TEMPLATE_TEST_CASE("a frame turns by the smallest rotation", "", float, double) 
   }
 }
 
+TEMPLATE_TEST_CASE("an edge has a direction, and a point is given one", "", float, double) {
+  const auto other = vec<TestType>(0, 0, 1);
+  CHECK(same(direction_or(vec<TestType>(0, -0.25, 0), other), vec<TestType>(0, -1, 0)));
+  CHECK(distance(direction_or(vec<TestType>(3e-9, 0, 4e-9), other), vec<TestType>(0.6, 0, 0.8)) <
+        4 * kEpsilon<TestType>);
+  CHECK(same(direction_or(vec<TestType>(0, 0, 0), other), other));
+  CHECK(same(direction_or(vec<TestType>(0, 1e-16, 0), other), other));
+}
+
+TEMPLATE_TEST_CASE("every direction has a frame along it", "", float, double) {
+  CHECK(same(frame_along(vec<TestType>(0, 0, 1)).y, vec<TestType>(1, 0, 0)));
+  CHECK(same(frame_along(vec<TestType>(0, 0, -1)).y, vec<TestType>(1, 0, 0)));
+  CHECK(same(frame_along(vec<TestType>(1, 0, 0)).y, vec<TestType>(0, 0, -1)));
+  CHECK(same(frame_along(vec<TestType>(-1, 0, 0)).y, vec<TestType>(0, 0, 1)));
+  CHECK(same(frame_along(vec<TestType>(0, -1, 0)).y, vec<TestType>(1, 0, 0)));
+  Random random(9);
+  double worst = 0;
+  for (int trial = 0; trial < 20000; ++trial) {
+    Eigen::Vector3d direction = random.direction();
+    // Where the sign of z decides, and at the poles.
+    if (trial % 4 == 0) direction.z() *= 1e-9;
+    if (trial % 4 == 1) direction = {1e-5 * direction.x(), 1e-5 * direction.y(), direction.z()};
+    direction.normalize();
+    const Frame<TestType> f = frame_along(vec<TestType>(direction.x(), direction.y(), direction.z()));
+    worst = std::max(
+        {worst, std::abs(static_cast<double>(inner(f.y, f.y)) - 1), std::abs(static_cast<double>(inner(f.x, f.y)))});
+  }
+  CHECK(worst < 4 * kEpsilon<TestType>);
+}
+
+TEMPLATE_TEST_CASE("a twist is what is left of a turn in the frame along the next edge", "", float, double) {
+  const auto x = vec<TestType>(1, 0, 0), y = vec<TestType>(0, 1, 0), z = vec<TestType>(0, 0, 1);
+  const auto between = [](Frame<TestType> before, Frame<TestType> here) { return twist_between(before, here); };
+  const auto product = [](Twist<TestType> a, Twist<TestType> b) { return twist_product(a, b); };
+  const auto is = [](Twist<TestType> t, double re, double im) {
+    return t.re == static_cast<TestType>(re) && t.im == static_cast<TestType>(im);
+  };
+  CHECK(is(between({x, y}, {x, y}), 1, 0));
+  CHECK(is(between({x, y}, {x, z}), 0, -1));  // y is a quarter turn before z, seen along x
+  // A quarter turn about z carries y to -x.
+  CHECK(is(between({x, y}, {y, z}), 0, -1));
+  CHECK(is(between({x, y}, {y, x}), -1, 0));
+  CHECK(is(between({x, z}, {y, z}), 1, 0));
+  SECTION("where the strand folds back, y stays") {
+    CHECK(is(between({x, y}, {vec<TestType>(-1, 0, 0), y}), 1, 0));
+    CHECK(is(between({x, y}, {vec<TestType>(-1, 0, 0), z}), 0, 1));
+  }
+  SECTION("angles add up") {
+    CHECK(is(product({TestType(0), TestType(1)}, {TestType(0), TestType(1)}), -1, 0));
+    CHECK(is(product({TestType(2), TestType(3)}, {TestType(5), TestType(7)}), -11, 29));
+  }
+  SECTION("a frame is twisted about its x") {
+    const auto f = twisted_frame(Frame<TestType>{x, y}, Twist<TestType>{TestType(0.6f), TestType(0.8f)});
+    CHECK(same(f.x, x));
+    CHECK(same(f.y, vec<TestType>(0, 0.6f, 0.8f)));
+  }
+}
+
 TEMPLATE_TEST_CASE("vectors go into a frame and come back", "", float, double) {
   const Frame<TestType> f = {vec<TestType>(0, 1, 0), vec<TestType>(0, 0, 1)};  // z is (1, 0, 0)
   CHECK(same(into_frame(f, vec<TestType>(1, 2, 3)), vec<TestType>(2, 3, 1)));
@@ -258,6 +317,12 @@ std::vector<Real> every_pass(const std::vector<Real>& in) {
   keep(into_frame(f, a));
   keep(from_frame(f, b));
   keep(local_shape_error(f, a, b, c));
+  keep(direction_or(b - c, a));
+  const Frame<Real> along = frame_along(f.x), next = frame_along(direction_or(b - c, f.y));
+  keep(along.y);
+  const Twist<Real> twist = twist_between(along, next), turned = twist_product(twist, Twist<Real>{s, t});
+  out.insert(out.end(), {twist.re, twist.im, turned.re, turned.im});
+  keep(twisted_frame(next, turned).y);
   return out;
 }
 

@@ -21,8 +21,8 @@ struct Block {
   Scalar* previous;    // [vertices] vectors: Q
   Scalar* rest;        // [rest_vertices] vectors: P0, as many as anything needs
   Scalar* root_frame;  // [2] vectors: x and y of the rest frame at the root
-  Scalar* local_edge;  // [vertices] vectors: l (methods 1 and 2)
-  Scalar* remainder;   // [vertices] vectors: what rounding leaves of l (methods 1 and 2)
+  Scalar* local_edge;  // [vertices] vectors: l (methods 1, 2 and 4)
+  Scalar* remainder;   // [vertices] vectors: what rounding leaves of l (methods 1, 2 and 4)
   Scalar* frame_x;     // [vertices] vectors: frames of the last iteration (method 2)
   Scalar* frame_y;
   Scalar* length;       // [vertices]: L of the segment that ends at a vertex
@@ -66,8 +66,9 @@ template <class Scalar>
 struct Workspace {
   Scalar* error;    // [vertices]: of edge lengths
   Scalar* edge;     // [vertices] vectors: method 3, rest edges turned with the head
-  Scalar* frame_x;  // [vertices] vectors: method 2, frames before a substep
+  Scalar* frame_x;  // [vertices] vectors: method 2, frames before a substep; method 4, x and y along the edges now
   Scalar* frame_y;
+  Scalar* twist;                      // [vertices] of two numbers: method 4, from those to the frames
   bool skip_colliders, skip_resting;  // see Skip
   WorkCount work;
 };

@@ -6,6 +6,7 @@
 #include "sim/pair.h"
 #include "sim/passes/collide.h"
 #include "sim/passes/edge_length.h"
+#include "sim/passes/frame_scan.h"
 #include "sim/passes/global_shape.h"
 #include "sim/passes/integrate.h"
 #include "sim/passes/local_shape.h"
@@ -263,6 +264,55 @@ struct BlockStep {
     sweep(RestShape{*this, vectors(workspace.edge), Real(region.half_local_stiffness)});
   }
 
+  // Method 4: in each iteration the exact frames of the whole strand (passes/frame_scan.h), then constraints in two
+  // batches with them.
+  struct ScannedShape {
+    const BlockStep& at;
+    FRAME root;
+    const Vec *frame_x, *frame_y;
+    const TWIST* twist;
+    const Vec *local_edge, *remainder;
+    Real half;
+    template <bool First>
+    STRANDBAKE_INLINE void apply(Vec& near, Vec& far, int i) const {
+      FRAME frame = root;
+      if constexpr (!First) frame = twisted_frame({frame_x[i - 1], frame_y[i - 1]}, twist[i - 1]);
+      at.template part<First>(near, far, local_shape_error(frame, local_edge[i], remainder[i], far - near) * half, i);
+    }
+  };
+  // Frames along the edges that end at vertices 2 to n - 2, and how they are twisted against those that travel.
+  STRANDBAKE_INLINE void scan_frames(FRAME root) const {
+    const int n = block.vertices;
+    Vec* const frame_x = vectors(workspace.frame_x);
+    Vec* const frame_y = vectors(workspace.frame_y);
+    TWIST* const twist = reinterpret_cast<TWIST*>(workspace.twist);
+    // The first two rounds, d = 1 and 2, while what they need is in registers.
+    FRAME before = root;
+    TWIST start_before, once_before, once_before_that;
+    for (int i = 2; i < n - 1; ++i) {
+      const FRAME here = frame_along(direction_or(q[i] - q[i - 1], root.x));
+      const TWIST start = twist_between(before, here);
+      const TWIST once = i >= 3 ? twist_product(start, start_before) : start;
+      twist[i] = i >= 4 ? twist_product(once, once_before_that) : once;
+      frame_x[i] = here.x;
+      frame_y[i] = here.y;
+      before = here;
+      start_before = start;
+      once_before_that = once_before;
+      once_before = once;
+    }
+    for (int d = 4; d < n - 3; d *= 2) {
+      for (int i = n - 2; i >= 2 + d; --i) twist[i] = twist_product(twist[i], twist[i - d]);
+    }
+  }
+  STRANDBAKE_INLINE void local_shape_scanned() const {
+    const FRAME root = root_frame();
+    scan_frames(root);
+    sweep(ScannedShape{*this, root, vectors(workspace.frame_x), vectors(workspace.frame_y),
+                       reinterpret_cast<const TWIST*>(workspace.twist), vectors(block.local_edge),
+                       vectors(block.remainder), Real(region.half_local_stiffness)});
+  }
+
   STRANDBAKE_INLINE void local_shape() const {
     const int iterations = region.local_iterations;
     int done = 0;
@@ -273,6 +323,9 @@ struct BlockStep {
         break;
       case 2:
         for (; done < iterations; ++done) local_shape_lagged();
+        break;
+      case 4:
+        for (; done < iterations; ++done) local_shape_scanned();
         break;
       default:
         turn_rest_edges();

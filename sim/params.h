@@ -19,9 +19,9 @@ void fields(V& v, LocalShapeParams& p) {
     "How strongly bends and curls return, per iteration of a 1/60 s step. 0 switches the pass off, 1 is rigid.");
   v("iterations", p.iterations, between(0, 1000), "1",
     "Sweeps of the constraint in a substep. 0 switches the pass off.");
-  v("method", p.method, between(1, 3), "1",
+  v("method", p.method, between(1, 4), "1",
     "How the local frames are updated. 1: exactly, root to tip. 2: from the frames of the previous iteration. "
-    "3: rest frames turned with the head.");
+    "3: rest frames turned with the head. 4: exactly, for the whole strand before each iteration.");
 }
 
 // Paper, section 3.3.

@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "sim/gusts.h"
+#include "sim/passes/frame_scan.h"
 #include "sim/passes/local_shape.h"
 #include "sim/passes/stiffness.h"
 
@@ -39,6 +40,26 @@ Frame<Scalar> rest_root_frame(std::span<const Vec3<Scalar>> rest) {
   }
   const Vec3<Scalar> across = axis - x * inner(x, axis);
   return {x, across * (1 / square_root(inner(across, across)))};
+}
+
+// The frames of a rest pose: in method 4 those of the scan, to the bit, else those of one walk.
+template <class Scalar>
+std::vector<Frame<Scalar>> rest_frames(std::span<const Vec3<Scalar>> rest, const Frame<Scalar>& root, int method) {
+  std::vector<Frame<Scalar>> frames(rest.size(), root);
+  if (method != 4) {
+    for (std::size_t i = 2; i < rest.size(); ++i) frames[i] = turn_frame(frames[i - 1], rest[i] - rest[i - 1]);
+    return frames;
+  }
+  std::vector<Twist<Scalar>> twist(rest.size());
+  for (std::size_t i = 2; i < rest.size(); ++i) {
+    frames[i] = frame_along(direction_or(rest[i] - rest[i - 1], root.x));
+    twist[i] = twist_between(frames[i - 1], frames[i]);
+  }
+  for (std::size_t d = 1; d + 2 < rest.size(); d *= 2) {
+    for (std::size_t i = rest.size() - 1; i >= 2 + d; --i) twist[i] = twist_product(twist[i], twist[i - d]);
+  }
+  for (std::size_t i = 2; i < rest.size(); ++i) frames[i] = twisted_frame(frames[i], twist[i]);
+  return frames;
 }
 
 // Spreads the low ten bits of v over every third bit.
@@ -228,21 +249,20 @@ void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
     }
     for (std::size_t i = 0; i < static_cast<std::size_t>(b.rest_vertices); ++i) store(b.rest, i, lane, rest_at(i));
     if (b.local_edge != nullptr) {
-      Frame<Scalar> frame = rest_root_frame<Scalar>(rest);
-      store(b.root_frame, 0, lane, frame.x);
-      store(b.root_frame, 1, lane, frame.y);
-      for (std::size_t i = 1; i < n; ++i) {
-        if (i >= 2 && i < own) {
-          const Vec3<Scalar> edge = rest[i] - rest[i - 1];
-          const Vec3<Scalar> local = into_frame(frame, edge);
-          store(b.local_edge, i, lane, local);
-          store(b.remainder, i, lane, edge - from_frame(frame, local));
-          frame = turn_frame(frame, edge);
-        }
-        if (b.frame_x != nullptr) {
-          store(b.frame_x, i, lane, head.turn(frame.x));
-          store(b.frame_y, i, lane, head.turn(frame.y));
-        }
+      const Frame<Scalar> root = rest_root_frame<Scalar>(rest);
+      store(b.root_frame, 0, lane, root.x);
+      store(b.root_frame, 1, lane, root.y);
+      const std::vector<Frame<Scalar>> frames = rest_frames<Scalar>(rest, root, region.local_method);
+      for (std::size_t i = 2; i < own; ++i) {
+        const Vec3<Scalar> edge = rest[i] - rest[i - 1];
+        const Vec3<Scalar> local = into_frame(frames[i - 1], edge);
+        store(b.local_edge, i, lane, local);
+        store(b.remainder, i, lane, edge - from_frame(frames[i - 1], local));
+      }
+      for (std::size_t i = 1; i < n && b.frame_x != nullptr; ++i) {
+        const Frame<Scalar>& frame = frames[std::min(i, own - 1)];
+        store(b.frame_x, i, lane, head.turn(frame.x));
+        store(b.frame_y, i, lane, head.turn(frame.y));
       }
     }
     if (b.length != nullptr) {

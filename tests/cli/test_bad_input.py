@@ -43,7 +43,7 @@ def assert_fault(shot, place, *words, arguments=()):
     ("[wind]\nperiod = {1 = 1, 2 = 2}", "7:10", ["a table", "must be a number"]),
     ("[forces]\ngravity = [0, inf, 0]", "7:15", ["inf", "finite"]),
     ("[solver]\nprecision = \"half\"", "7:13", ['"half"', '"float" or "double"']),
-    ('[[region]]\nname = "a"\nlocal = {method = 4}', "8:19", ["from 1 to 3"]),
+    ('[[region]]\nname = "a"\nlocal = {method = 5}', "8:19", ["from 1 to 4"]),
     ('[[region]]\nname = "a"\nlocal.iterations = 1.5', "8:20", ["whole number"]),
     ('[[region]]\nname = "a"\nstrands = {range = "4-2"}', "8:20", ["runs backwards", "2-4"]),
     ('[[region]]\nname = "a"\nstrands = {range = "0-5"}', "8:20", ["strand 5 is not there", "the groom has 5 strands"]),
@@ -169,7 +169,7 @@ def test_zero_length_segments_are_simulated_with_a_warning_that_counts_them(shot
     points[2, 3] = points[2, 2]
     points[4, 1:] = points[4, 0]  # all of a strand in one place
     write_hair(shot / "a.hair", list(points))
-    for method in (1, 2, 3):
+    for method in (1, 2, 3, 4):
         shot.scene(f'[[region]]\nname = "r"\nlocal = {{method = {method}}}\nglobal = {{stiffness = 0}}\n', frames="1-8")
         run = shot.run("bake", "scene.toml", "--force", "--quiet")
         assert run.code == GOOD and run.out == ""

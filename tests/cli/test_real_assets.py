@@ -73,7 +73,7 @@ def test_the_ponytail_on_each_head(shot, animation):
 def test_the_mohawk_with_its_degenerate_strands(shot):
     (shot / "scene.toml").write_text(
         f'[groom]\nfiles = ["mohawk/Ratboy_mohawk.tfx"]\n[head]\n{ANIMATIONS["fbx"]}[bake]\nfps = 30\n')
-    for method in (1, 2, 3):
+    for method in (1, 2, 3, 4):
         found, _ = bake_some(shot, "scene.toml", "--set", f"region.hair.local.method={method}")
         assert found["strands/offset"][-1] == 2228 * 32
         check_units(found, 0.05, 3)

@@ -60,6 +60,11 @@ strands = {file = "both_ends.tfx", range = "0-9", box = {min = [-9, -9, -9]}}
 local = {method = 3}
 
 [[region]]
+name = "scanned"
+strands = {range = "900-1199"}
+local = {method = 4}
+
+[[region]]
 name = "ridden"
 strands = {range = "1400-1460"}
 simulate = false
@@ -136,7 +141,7 @@ def test_everything_is_in_the_scene(everything):
     whole = read(everything.bake())
     frames, rest = whole["frames/position"], whole["rest/position"]
     assert frames.shape[1] > 16384 and np.isfinite(frames).all()
-    assert sorted(np.unique(whole["strands/region"])) == [0, 1, 2, 3, 4]
+    assert sorted(np.unique(whole["strands/region"])) == [0, 1, 2, 3, 4, 5]
     np.testing.assert_array_equal(whole["frames/number"], [-2, -1, 0, 1, 2, 3])
     assert np.abs(frames[0] - rest).max() > 1e-3 and whole["stats/largest_stretch"].min() > 0
     assert (whole["frames/head"][0] != whole["frames/head"][3]).any() and (whole["frames/velocity"][0] != 0).any()
@@ -150,7 +155,7 @@ def test_everything_is_in_the_scene(everything):
     assert off[offset[:-1]].max() < 2e-6 and off[tips[::2]].max() < 2e-6 and off[middles[::3]].max() < 2e-6
     assert np.median(off[tips[1::2]]) > 1e-3 and np.median(off[middles[1::3]]) > 1e-3
 
-    for change in ("region.exact.local.method=2", "region.lagged.local.method=1", "region.turned.local.method=1",
+    for change in ("region.exact.local.method=2", "region.lagged.local.method=1", "region.turned.local.method=1", "region.exact.local.method=4",
                    "bake.preroll=0", "wind.gust=0", "wind.velocity=[0, 0, 0]", "collider[0].sphere.radius=0",
                    "collider[1].sphere.radius=0", "collider[2].sphere.radius=0", "collider[3].sphere.radius=0",
                    "region.exact.damping=0.05", "region.exact.global.stiffness=0.05", "region.exact.drag=1", "region.rest.lengths.iterations=9",

@@ -1,4 +1,4 @@
-// What must not change the result: the method where all three agree, rest, the place of the scene in the world,
+// What must not change the result: the method where all of them agree, rest, the place of the scene in the world,
 // threads, lanes, and the other strands of the groom.
 #include <atomic>
 #include <catch2/catch.hpp>
@@ -41,7 +41,7 @@ TEST_CASE("hair at rest under no force does not move by a single bit") {
       GENERATE(Vector3d(0, 0, 0), Vector3d(1e-7, -1e-7, 0), Vector3d(0.1, 1.7, -0.2), Vector3d(3000, -70, 1e5)));
   shot.gravity = {0, 0, 0};
   shot.frames = 50;
-  shot.region.local.method = GENERATE(1, 2, 3);
+  shot.region.local.method = GENERATE(1, 2, 3, 4);
   SECTION("default parameters") {}
   SECTION("many iterations, stiff") {
     shot.region.local.iterations = 7;
@@ -77,7 +77,7 @@ TEST_CASE("hair at rest under no force does not move by a single bit") {
   }
 }
 
-// The head is turned, so the goals of the three methods are rounded differently. What rounding does must stay what it
+// The head is turned, so the goals of the methods are rounded differently. What rounding does must stay what it
 // is.
 TEST_CASE("hair at rest on a turned head stays where it is to rounding") {
   Shot shot;
@@ -87,7 +87,7 @@ TEST_CASE("hair at rest on a turned head stays where it is to rounding") {
   const Eigen::Isometry3d turned = pose(random.rotation(), {0.3, 1.5, -0.2});
   shot.head = [turned](double) { return turned; };
   shot.frames = 100;
-  shot.region.local.method = GENERATE(1, 2, 3);
+  shot.region.local.method = GENERATE(1, 2, 3, 4);
   const std::vector<Points> in_floats = run(shot, {}), in_doubles = run(shot, in_double());
   CAPTURE(shot.region.local.method);
   double floats = 0, doubles = 0;
@@ -100,9 +100,9 @@ TEST_CASE("hair at rest on a turned head stays where it is to rounding") {
 TEST_CASE("without local stiffness the method does not matter") {
   Shot shot = busy_shot();
   std::vector<std::vector<Points>> results;
-  for (const int method : {1, 2, 3}) {
+  for (const int method : {1, 2, 3, 4}) {
     shot.regions_at = [method](int) {
-      std::vector<RegionParams> regions(3);
+      std::vector<RegionParams> regions(4);
       for (RegionParams& region : regions) region.local = {0, 3, method};
       return regions;
     };
@@ -111,11 +111,12 @@ TEST_CASE("without local stiffness the method does not matter") {
   for (std::size_t frame = 0; frame < results[0].size(); ++frame) {
     CHECK(same_bits(results[1][frame], results[0][frame]));
     CHECK(same_bits(results[2][frame], results[0][frame]));
+    CHECK(same_bits(results[3][frame], results[0][frame]));
   }
 }
 
-// One free segment: its frame is that of the pinned root in every method, its batch the only one. Methods 1 and 2 then
-// do the same operations; method 3 turns the rest edge in the world, not through the root's frame, and differs by
+// One free segment: its frame is that of the pinned root in every method, its batch the only one. Methods 1, 2 and 4
+// then do the same operations; method 3 turns the rest edge in the world, not through the root's frame, and differs by
 // rounding.
 TEST_CASE("on a strand with one free segment the methods agree") {
   Shot shot;
@@ -125,7 +126,7 @@ TEST_CASE("on a strand with one free segment the methods agree") {
   shot.substeps = 3;
   shot.frames = 30;
   std::vector<std::vector<Points>> results;
-  for (const int method : {1, 2, 3}) {
+  for (const int method : {1, 2, 3, 4}) {
     shot.region.local.method = method;
     results.push_back(run(shot, in_double()));
   }
@@ -133,6 +134,7 @@ TEST_CASE("on a strand with one free segment the methods agree") {
   for (std::size_t frame = 0; frame < results[0].size(); ++frame) {
     CHECK(same_bits(results[1][frame], results[0][frame]));
     CHECK(largest_distance(results[2][frame], results[0][frame]) < 1e-13);
+    CHECK(same_bits(results[3][frame], results[0][frame]));
   }
 }
 
@@ -144,7 +146,7 @@ TEST_CASE("on hair that moves without bending the methods agree") {
   shot.head = [](double time) { return pose(Eigen::Matrix3d::Identity(), {0, 0.1 * std::sin(9 * time), 0}); };
   shot.frames = 30;
   std::vector<std::vector<Points>> results;
-  for (const int method : {1, 2, 3}) {
+  for (const int method : {1, 2, 3, 4}) {
     shot.region.local.method = method;
     results.push_back(run(shot, in_double()));
   }
@@ -154,13 +156,14 @@ TEST_CASE("on hair that moves without bending the methods agree") {
   }
   for (std::size_t frame = 0; frame < results[1].size(); ++frame) {
     CHECK(largest_distance(results[1][frame], results[2][frame]) < 1e-12);
+    CHECK(largest_distance(results[1][frame], results[3][frame]) < 1e-12);
   }
 }
 
 TEST_CASE("moving the whole scene moves the result") {
   Shot shot;
   shot.groom = mixed_groom(26, 30, 50);
-  shot.region.local.method = GENERATE(1, 2, 3);
+  shot.region.local.method = GENERATE(1, 2, 3, 4);
   shot.region.damping = 0.2;
   shot.wind.velocity = {2, 0.3, 1};
   shot.head = dance;

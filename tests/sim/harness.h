@@ -232,15 +232,14 @@ inline Groom awkward_groom(const Vector3d& center) {
   return groom;
 }
 
-// Three regions with a method each, and everything switched on.
 inline Shot busy_shot() {
   Shot shot;
   shot.groom = awkward_groom({0, 0, 0});
   for (std::size_t s = 0; s < shot.groom.strand_count(); ++s)
-    shot.groom.region.push_back(static_cast<std::uint32_t>(s % 3));
+    shot.groom.region.push_back(static_cast<std::uint32_t>(s % 4));
   shot.regions_at = [](int frame) {
-    std::vector<RegionParams> regions(3);
-    for (int r = 0; r < 3; ++r) {
+    std::vector<RegionParams> regions(4);
+    for (int r = 0; r < 4; ++r) {
       RegionParams& region = regions[static_cast<std::size_t>(r)];
       region.local = {0.2 + 0.1 * r + 0.01 * frame, 2 + r, r + 1};
       region.global = {0.1, 0.3 + 0.2 * r, 1};

@@ -66,7 +66,7 @@ TEST_CASE("a strand of two vertices only follows the head") {
   shot.groom = groom_of({straight(2, 0.1)});
   shot.head = dance;
   shot.frames = 5;
-  shot.region.local.method = GENERATE(1, 2, 3);
+  shot.region.local.method = GENERATE(1, 2, 3, 4);
   const Points end = run(shot, in_double()).back();
   for (std::size_t v = 0; v < 2; ++v) CHECK((end[v] - dance(5.0 / 60) * shot.groom.position[v]).norm() < 1e-15);
 }
@@ -77,7 +77,7 @@ TEST_CASE("a strand of ten thousand vertices stays finite beside one of two") {
   shot.groom = groom_of({straight(2, 0.1), rambling(random, 10000, {0, 0, 0})});
   shot.head = dance;
   shot.frames = 3;
-  shot.region.local.method = GENERATE(1, 2, 3);
+  shot.region.local.method = GENERATE(1, 2, 3, 4);
   const auto solver = solver_of(shot);
   for (int frame = 1; frame <= shot.frames; ++frame) solver->advance(frame_input(shot, frame));
   CHECK_FALSE(solver->find_non_finite());
@@ -94,7 +94,7 @@ TEST_CASE("degenerate strands stay finite in motion") {
     return std::vector<Sphere>{{dance(time) * Vector3d(0, 0, 0), 0.05}, {{0, 0, 0}, 0}};
   };
   shot.substeps = 2;
-  shot.region.local.method = GENERATE(1, 2, 3);
+  shot.region.local.method = GENERATE(1, 2, 3, 4);
   shot.region.local.iterations = GENERATE(0, 5);
   const Precision precision = GENERATE(Precision::Float, Precision::Double);
   const auto solver = solver_of(shot, {.precision = precision});

@@ -95,6 +95,7 @@ class Strand {
       if (region.local.method == 1) local_shape_1(local_stiffness, head);
       if (region.local.method == 2) local_shape_2(local_stiffness, head);
       if (region.local.method == 3) local_shape_3(local_stiffness, head);
+      if (region.local.method == 4) local_shape_4(local_stiffness, head);
     }
     for (int iteration = 0; iteration < region.lengths.iterations; ++iteration) edge_lengths();
     if (!input.spheres.empty()) collide(input.spheres[moment]);
@@ -185,6 +186,19 @@ class Strand {
       for (std::size_t i = batch; i < size(); i += 2) {
         apply_local_constraint(i, stiffness, (head * rest_global_[i - 1]).linear());
       }
+    }
+  }
+
+  // Not of the paper: the frames of Algorithm 3, all of them before the constraints, which go in batches.
+  void local_shape_4(double stiffness, const Isometry3d& head) {
+    global_[0] = head * rest_global_[0];
+    global_[1] = head * rest_global_[1];
+    for (std::size_t i = 2; i < size(); ++i) {
+      global_[i - 1].translation() = p_[i - 1];
+      global_[i] = compose(global_[i - 1], local_transform(global_[i - 1], p_[i]));
+    }
+    for (std::size_t batch = 2; batch <= 3; ++batch) {
+      for (std::size_t i = batch; i < size(); i += 2) apply_local_constraint(i, stiffness, global_[i - 1].linear());
     }
   }
 

@@ -73,7 +73,7 @@ TEST_CASE("skipping changes not a bit of a shot with everything on") {
   Shot shot;
   shot.groom = mixed_groom(7, 90, 23);
   for (std::size_t s = 0; s < shot.groom.strand_count(); ++s) {
-    shot.groom.region.push_back(static_cast<std::uint32_t>(s % 5));
+    shot.groom.region.push_back(static_cast<std::uint32_t>(s % 6));
     if (s % 9 == 0 && shot.groom.vertex_count(s) > 4) pin(shot.groom, s, 3);
   }
   shot.head = dance_and_stand;
@@ -85,7 +85,7 @@ TEST_CASE("skipping changes not a bit of a shot with everything on") {
   shot.substeps = 3;
   shot.frames = 12;
   shot.regions_at = [](int frame) {
-    std::vector<RegionParams> regions(5);
+    std::vector<RegionParams> regions(6);
     regions[0].local.method = 1;
     regions[0].global.stiffness = frame < 6 ? 0.4 : 0;
     regions[1].local.method = 2;
@@ -96,13 +96,15 @@ TEST_CASE("skipping changes not a bit of a shot with everything on") {
     regions[4].global.stiffness = 0;
     regions[4].drag = 0;
     regions[4].local.stiffness = 0;
+    regions[5].local.method = 4;
+    regions[5].local.stiffness = frame < 3 ? 0.6 : 0.2;
     return regions;
   };
   check_every_skip(shot);
 }
 
 TEST_CASE("hair at rest under a head that stands is left alone until something changes") {
-  const int method = GENERATE(1, 2, 3);
+  const int method = GENERATE(1, 2, 3, 4);
   CAPTURE(method);
   Shot shot;
   shot.groom = mixed_groom(3, 40, 12);

@@ -45,6 +45,11 @@ Work local_shape(int method, int iterations) {
   // the turn of the frame: length 6, k 6, two comparisons 2, r 1, x 4, y 18. Method 2 also keeps x and y of each frame.
   constexpr double kOperations = 3 + 24 + 6 + 3 + 6 + 3 + 37;
   if (method == 2) return Work{12, 6, kOperations, 1, 1}.repeated(iterations);
+  // Method 4: the constraint as above; edge 3, its direction 9, the frame along it 8, the twist between two 37, the
+  // frame 9 that comes of it. Of the products 6, one a vertex: with the rounds of a scan come log2 n, but a walk has no
+  // more.
+  constexpr double kScanned = 3 + 24 + 6 + 3 + 6 + 3 + 9 + 8 + 37 + 9 + 6;
+  if (method == 4) return Work{6, 0, kScanned, 3, 1}.repeated(iterations);
   return Work{6, 0, kOperations, 1, 1}.repeated(iterations);
 }
 

@@ -36,7 +36,7 @@ class Plans {
   explicit Plans(std::shared_ptr<const Groom> groom) : groom_(std::move(groom)) {
     Workload base = of(nothing_but_integration(), false, 0);
     integration = add(base);
-    for (int method = 1; method <= 3; ++method) all_.push_back(add(of(everything(method), true, 3)));
+    for (int method = 1; method <= 4; ++method) all_.push_back(add(of(everything(method), true, 3)));
 
     RegionParams params = nothing_but_integration();
     params.drag = 1;
@@ -46,7 +46,7 @@ class Plans {
     RegionParams without = everything(1);
     without.global.stiffness = 0;
     row("global shape", 1, of(params, false, 0), 1, of(without, true, 3), work::global_shape());
-    for (int method = 1; method <= 3; ++method) {
+    for (int method = 1; method <= 4; ++method) {
       params = nothing_but_integration();
       params.local = everything(method).local;
       without = everything(method);

@@ -162,7 +162,7 @@ Report bench_scaling(const BenchOptions& options) {
   grooms.clear();
   for (const int vertices : lengths) grooms.push_back(wavy(total / vertices, vertices));
   lines.clear();
-  for (const int method : {1, 3}) {
+  for (const int method : {1, 3, 4}) {
     points.clear();
     for (std::size_t k = 0; k < grooms.size(); ++k) {
       points.push_back({static_cast<double>(lengths[k]), workload_of(grooms[k], method), all});
@@ -191,7 +191,7 @@ Report bench_scaling(const BenchOptions& options) {
   scaling.panel(fmt::format("Threads ({})", large_name), {"threads"}, {"times as fast as one thread"}, lines);
 
   lines.clear();
-  for (const int method : {1, 2, 3}) {
+  for (const int method : {1, 2, 3, 4}) {
     points.clear();
     for (const int substeps : quick ? std::vector{1, 8} : std::vector{1, 2, 4, 8, 16}) {
       points.push_back({static_cast<double>(substeps), workload_of(large, method, substeps), all});
@@ -203,7 +203,7 @@ Report bench_scaling(const BenchOptions& options) {
 
   const auto model1 = std::make_shared<const Groom>(thinned(*make_preset("model1"), options.share));
   lines.clear();
-  for (const int method : {1, 2, 3}) {
+  for (const int method : {1, 2, 3, 4}) {
     points.clear();
     for (const int lanes : available_lanes()) {
       points.push_back({static_cast<double>(lanes), workload_of(model1, method),

@@ -48,6 +48,11 @@ strands = {range = "64-95"}
 local = {stiffness = 0.5, iterations = 3, method = 2}
 
 [[region]]
+name = "method 4"
+strands = {range = "96-107"}
+local = {stiffness = 0.5, iterations = 3, method = 4}
+
+[[region]]
 name = "method 3"
 local = {stiffness = 0.5, iterations = 3, method = 3}
 

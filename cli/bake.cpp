@@ -14,6 +14,7 @@
 #include <optional>
 #include <system_error>
 
+#include "cli/backend.h"
 #include "cli/console.h"
 #include "cli/plan_text.h"
 #include "cli/verbs.h"
@@ -34,6 +35,7 @@ double seconds_since(Clock::time_point start) {
 
 struct BakeOptions {
   SceneOptions scene;
+  BackendOptions backend;
   std::filesystem::path output;
   std::string frames;
   int threads = 0;
@@ -133,7 +135,7 @@ class Bake {
   // Called when a frame is in the file.
   using OnFrame = std::function<void(int frame, const FrameStats& stats)>;
 
-  Bake(Shot shot, const BakeOptions& options, std::pair<int, int> written, OnFrame on_frame)
+  Bake(Shot shot, const BakeOptions& options, const Backend& backend, std::pair<int, int> written, OnFrame on_frame)
       : shot_(std::move(shot)),
         written_(written),
         threads_(options.threads),
@@ -151,11 +153,11 @@ class Bake {
     writer_.emplace(options.output, make_header(shot_), cache);
 
     SolverOptions solver;
-    solver.precision = shot_.scene.solver.precision == "double" ? Precision::Double : Precision::Float;
+    solver.precision = precision_of(shot_.scene);
     solver.threads = threads_;
     solver.lanes = options.lanes;
     solver.skip = skip_all_but(options.no_skip);
-    solver_ = make_openmp_solver(shot_.groom, shot_.plan, shot_.head(shot_.scene.first_frame), solver);
+    solver_ = make_solver(backend, shot_.groom, shot_.plan, shot_.head(shot_.scene.first_frame), solver);
     if (stats_) {
       rest_length_ = rest_lengths(shot_.groom);
       pinned_ = pinned_vertices(shot_.groom);
@@ -177,7 +179,13 @@ class Bake {
     const bool needed = frame >= written_.first - (velocity_ ? 1 : 0);
     const auto next = needed ? positions(kNext) : std::span<Eigen::Vector3f>();
     if (frame > first_simulated()) {
-      solver_->advance(shot_.input(frame), next,
+      const FrameInput input = next_input_ ? std::move(*next_input_) : shot_.input(frame);
+      next_input_.reset();
+      if (frame < written_.second) {
+        next_input_ = shot_.input(frame + 1);
+        solver_->expect(*next_input_);
+      }
+      solver_->advance(input, next,
                        pending_ ? [this](bool hair_is_left) { work(!hair_is_left); } : Solver::Alongside());
     } else if (needed) {
       solver_->read(next);
@@ -284,6 +292,7 @@ class Bake {
   OnFrame on_frame_;
   std::unique_ptr<Solver> solver_;
   std::optional<CacheWriter> writer_;
+  std::optional<FrameInput> next_input_;
   std::vector<float> rest_length_;
   std::vector<std::uint8_t> pinned_;
   std::array<Positions, 3> positions_;
@@ -320,8 +329,9 @@ int run_bake(BakeOptions options) {
   if (options.threads == 0) options.threads = default_threads(shot.groom.vertex_count());
   if (options.output.empty()) options.output = options.scene.scene.stem().string() + ".h5";
 
+  const Backend backend = choose_backend(options.backend, precision_of(shot.scene), vertex_substeps(shot));
   if (options.dry_run) {
-    fmt::print("{}", describe_plan(shot, written, options.threads));
+    fmt::print("{}", describe_plan(shot, written, backend, options.threads));
     return kGood;
   }
   if (!options.force && std::filesystem::exists(options.output)) {
@@ -341,7 +351,7 @@ int run_bake(BakeOptions options) {
     progress->update(static_cast<std::size_t>(frame) - static_cast<std::size_t>(first) + 1, note);
   };
   const bool stats = shot.scene.cache.stats;
-  Bake bake(std::move(shot), options, written, [&](int frame, const FrameStats& found) {
+  Bake bake(std::move(shot), options, backend, written, [&](int frame, const FrameStats& found) {
     nlohmann::ordered_json event = {{"event", "frame"}, {"frame", frame}};
     if (stats) {
       event["largest_stretch"] = found.largest_stretch;
@@ -383,6 +393,10 @@ int run_bake(BakeOptions options) {
       } catch (const Bake::NonFiniteError& error) {
         failure = {kNonFinite, fmt::format("{}; {}", error.message, left_behind(frame))};
         break;
+      } catch (const DeviceError& error) {
+        bake.write_last();
+        failure = {kDevice, fmt::format("frame {}: {}; {}", frame, error.what(), left_behind(frame))};
+        break;
       }
       if (frame < written.first) show_progress(frame, "before the first frame");
     }
@@ -420,6 +434,7 @@ int run_bake(BakeOptions options) {
 Verb add_bake(CLI::App& app) {
   auto options = std::make_shared<BakeOptions>();
   options->scene.add_to(app);
+  options->backend.add_to(app);
   app.add_option("-o,--output", options->output, "The cache; left out: the scene's name with .h5, in this folder")
       ->type_name("FILE");
   app.add_option("--frames", options->frames,
@@ -453,6 +468,8 @@ Verb add_bake(CLI::App& app) {
       return run_bake(*options);
     } catch (const InputError& error) {
       return events.failed(kInput, error.what());
+    } catch (const DeviceError& error) {
+      return events.failed(kDevice, error.what());
     } catch (const DiskError& error) {
       return events.failed(kDisk, error.what());
     } catch (const std::system_error& error) {  // as in main()

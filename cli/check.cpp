@@ -13,7 +13,9 @@ namespace strandbake {
 Verb add_check(CLI::App& app) {
   auto options = std::make_shared<SceneOptions>();
   options->add_to(app);
-  return [options] {
+  auto backend = std::make_shared<BackendOptions>();
+  backend->add_to(app);
+  return [options, backend] {
     Faults faults;
     Warnings warnings;
     Scene scene = read_scene(options->scene, options->overrides, options->search, faults);
@@ -24,6 +26,7 @@ Verb add_check(CLI::App& app) {
       return static_cast<int>(kInput);
     }
     fmt::print("{}", describe_plan(shot, {shot.scene.first_frame, shot.scene.last_frame},
+                                   choose_backend(*backend, precision_of(shot.scene), vertex_substeps(shot)),
                                    default_threads(shot.groom.vertex_count())));
     return static_cast<int>(kGood);
   };

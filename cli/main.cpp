@@ -15,6 +15,7 @@
 #include "cli/verbs.h"
 #include "cli/version.h"
 #include "formats/error.h"
+#include "gpu/opencl.h"
 
 // Threads that have nothing to do sleep, unless whoever runs us wants it otherwise: where cores are shared, a thread
 // that spins keeps the one that it waits for from running. The runtimes of OpenMP look at the environment once, before
@@ -29,7 +30,7 @@ int main(int argc, char** argv) {
                "strandbake"};
   app.set_version_flag("--version", "strandbake " STRANDBAKE_VERSION);
   app.require_subcommand(1);
-  app.footer("Exit codes: 0 good, 2 usage, 3 input, 5 disk, 6 not finite, 130 interrupted.");
+  app.footer("Exit codes: 0 good, 2 usage, 3 input, 4 device, 5 disk, 6 not finite, 130 interrupted.");
 
   std::map<const CLI::App*, Verb> verbs;
   const auto add = [&](const char* name, const char* help, Verb (*declare)(CLI::App&)) {
@@ -41,6 +42,7 @@ int main(int argc, char** argv) {
   add("info", "Say what a cache holds", add_info);
   add("preview", "Draw a contact sheet of a cache", add_preview);
   add("groom", "Make hair, or convert a groom to .hair", add_groom);
+  add("devices", "List the OpenCL devices that can bake", add_devices);
   add("docs", "Print the reference of the scene file", add_docs);
   add("bench", "Measure the speed of this machine and program", add_bench);
 
@@ -60,6 +62,9 @@ int main(int argc, char** argv) {
   } catch (const InputError& error) {
     print_error(error.what());
     return kInput;
+  } catch (const DeviceError& error) {
+    print_error(error.what());
+    return kDevice;
   } catch (const DiskError& error) {
     print_error(error.what());
     return kDisk;

@@ -29,7 +29,7 @@ std::string wind(const RegionPlan& plan, const RegionParams& p) {
 
 }  // namespace
 
-std::string describe_plan(const Shot& shot, std::pair<int, int> written, int threads) {
+std::string describe_plan(const Shot& shot, std::pair<int, int> written, const Backend& backend, int threads) {
   const Scene& scene = shot.scene;
   const std::vector<RegionParams> params = shot.regions(scene.first_frame);
   std::string text;
@@ -75,14 +75,14 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, int thr
   line("frames", fmt::format("{} to {}, {} a second, {} substeps each{}", written.first, written.second, scene.bake.fps,
                              scene.bake.substeps,
                              before > 0 ? fmt::format(", after {} that are simulated but not written", before) : ""));
-  line("solver", fmt::format("openmp, {}, {} thread{}", scene.solver.precision, threads, threads == 1 ? "" : "s"));
+  SolverOptions solver;
+  solver.precision = precision_of(scene);
+  solver.threads = threads;
+  line("solver", describe_backend(backend, solver));
   line("at rest", "strands are skipped while nothing about them changes");
   const int arrays = scene.cache.velocity ? 2 : 1;
   line("velocity", scene.cache.velocity ? "written" : "skipped, cache.velocity = false");
   line("stats", scene.cache.stats ? "written" : "skipped, cache.stats = false");
-  SolverOptions solver;
-  solver.precision = scene.solver.precision == "double" ? Precision::Double : Precision::Float;
-  solver.threads = threads;
   const std::size_t state_bytes = openmp_state_bytes(shot.groom, shot.plan, solver);
   line("memory", fmt::format("about {}: solver {}, frame {}",
                              human_bytes(static_cast<double>(state_bytes) + 2 * arrays * frame_bytes),

@@ -18,6 +18,7 @@ enum ExitCode {
   kGood = 0,
   kUsage = 2,      // the command line makes no sense
   kInput = 3,      // a scene, groom, animation or cache cannot be used
+  kDevice = 4,     // a device is missing or has failed
   kDisk = 5,       // an output cannot be written
   kNonFinite = 6,  // the simulation left the numbers
   kInterrupted = 130,
@@ -31,6 +32,7 @@ Verb add_check(CLI::App& app);
 Verb add_info(CLI::App& app);
 Verb add_preview(CLI::App& app);
 Verb add_groom(CLI::App& app);
+Verb add_devices(CLI::App& app);
 Verb add_docs(CLI::App& app);
 Verb add_bench(CLI::App& app);
 

@@ -1,5 +1,5 @@
 # Puts the passes and the kernels together into one text of OpenCL C, as a C++ string: cmake -D SOURCE=... -D OUTPUT=... -P
-set(passes strand_math stiffness integrate wind global_shape local_shape edge_length collide)
+set(passes strand_math stiffness integrate wind global_shape local_shape frame_scan edge_length collide)
 set(text "#pragma OPENCL FP_CONTRACT OFF\n")
 function(add_text path)
   file(READ "${SOURCE}/${path}" content)
@@ -13,11 +13,16 @@ add_text(gpu/kernels/layout.h)
 add_text(gpu/kernels/block_access.cl)
 add_text(gpu/kernels/gather.cl)
 add_text(gpu/kernels/strand_per_item.cl)
-set(text "${text}#define SHARED __local\n#define SHARED_BARRIER barrier(CLK_LOCAL_MEM_FENCE)\n#define NAME(x) x\n")
-add_text(gpu/kernels/vertex_per_item.cl)
-set(text "${text}#undef SHARED\n#undef SHARED_BARRIER\n#undef NAME\n")
-set(text "${text}#define SHARED __global\n#define SHARED_BARRIER barrier(CLK_GLOBAL_MEM_FENCE)\n#define NAME(x) long_##x\n")
-add_text(gpu/kernels/vertex_per_item.cl)
+foreach(method 0 2 3 4)
+  foreach(memory LOCAL GLOBAL)
+    string(TOLOWER ${memory} space)
+    string(CONCAT text "${text}" "#ifdef VERTICES_METHOD_${method}_${memory}\n"
+      "#define METHOD ${method}\n#define SHARED __${space}\n#define SHARED_BARRIER barrier(CLK_${memory}_MEM_FENCE)\n"
+      "#define NAME(x) x##_${method}_${space}\n")
+    add_text(gpu/kernels/vertex_per_item.cl)
+    string(APPEND text "#undef METHOD\n#undef SHARED\n#undef SHARED_BARRIER\n#undef NAME\n#endif\n")
+  endforeach()
+endforeach()
 # A string of C++ holds 64 KiB everywhere; this one is an array.
 string(LENGTH "${text}" length)
 file(WRITE "${OUTPUT}.cl" "${text}")

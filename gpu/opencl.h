@@ -22,14 +22,14 @@ class DeviceMemoryError : public DeviceError {
 
 // The functions that are used of OpenCL 1.2, by their names without "cl".
 struct OpenCL {
-#define STRANDBAKE_OPENCL_FUNCTIONS(F)                                                                                 \
-  F(GetPlatformIDs)                                                                                                    \
-  F(GetPlatformInfo) F(GetDeviceIDs) F(GetDeviceInfo) F(CreateContext) F(ReleaseContext) F(CreateCommandQueue)         \
-      F(ReleaseCommandQueue) F(CreateBuffer) F(ReleaseMemObject) F(CreateProgramWithSource) F(CreateProgramWithBinary) \
-          F(BuildProgram) F(GetProgramInfo) F(GetProgramBuildInfo) F(ReleaseProgram) F(CreateKernel) F(ReleaseKernel)  \
-              F(SetKernelArg) F(GetKernelWorkGroupInfo) F(EnqueueNDRangeKernel) F(EnqueueReadBuffer)                   \
-                  F(EnqueueWriteBuffer) F(EnqueueMapBuffer) F(EnqueueUnmapMemObject) F(WaitForEvents)                  \
-                      F(GetEventProfilingInfo) F(ReleaseEvent) F(Flush) F(Finish)
+// clang-format off
+#define STRANDBAKE_OPENCL_FUNCTIONS(F) \
+  F(GetPlatformIDs) F(GetPlatformInfo) F(GetDeviceIDs) F(GetDeviceInfo) F(CreateContext) F(ReleaseContext) \
+  F(CreateCommandQueue) F(ReleaseCommandQueue) F(CreateBuffer) F(ReleaseMemObject) F(CreateProgramWithSource) \
+  F(CreateProgramWithBinary) F(BuildProgram) F(GetProgramInfo) F(GetProgramBuildInfo) F(ReleaseProgram) \
+  F(CreateKernel) F(ReleaseKernel) F(SetKernelArg) F(EnqueueNDRangeKernel) F(EnqueueReadBuffer) \
+  F(EnqueueWriteBuffer) F(WaitForEvents) F(GetEventProfilingInfo) F(ReleaseEvent) F(Flush) F(Finish)
+// clang-format on
 #define F(name) decltype(&::cl##name) name;
   STRANDBAKE_OPENCL_FUNCTIONS(F)
 #undef F

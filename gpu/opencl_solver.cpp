@@ -6,7 +6,9 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <optional>
+#include <set>
 #include <span>
 #include <stdexcept>
 #include <vector>
@@ -26,6 +28,7 @@ constexpr std::size_t kManyStrands = 8192;        // enough to keep a device bus
 constexpr std::size_t kScratchBytes = 64u << 20;  // for strands that are too long for local memory, of one launch
 
 Mapping mapping_of(const RegionPlan& region, Mapping asked, std::size_t strands) {
+  if (!region.simulated) return Mapping::Strands;
   if (region.local_shape && region.local_method == 1) return Mapping::Strands;
   if (region.local_shape && region.local_method == 4) return Mapping::Vertices;
   if (asked != Mapping::Auto) return asked;
@@ -43,19 +46,23 @@ struct OpenCLName<double> {
   static constexpr const char* value = "double";
 };
 
-// Vectors of three numbers a vertex that a group shares: p and q, and what the methods need.
-struct SharedRows {
-  bool frames = false;    // x and y
-  bool method_2 = false;  // they are state
-  bool scan = false;
-  std::size_t count() const { return 2 + (frames ? 2u : 0u) + (scan ? 1u : 0u); }
-};
+// Vectors of three numbers a vertex that a group shares: p and q, for methods 2 and 4 two of the frames, for 4 the
+// scan.
+std::size_t shared_rows(int method) {
+  return method == 2 ? 4 : method == 4 ? 5 : 2;
+}
+
+// The local shape that a region's kernel is compiled for; 0: none.
+int method_of(const RegionPlan& region) {
+  return region.local_shape ? region.local_method : 0;
+}
 
 // Groups that run in one launch of a kernel.
 struct Launch {
   enum class Kind { Strands, Vertices, LongVertices };
   Kind kind;
-  Buffer which;  // block numbers within the batch
+  int method = 0;  // of Vertices and LongVertices
+  Buffer which;    // block numbers within the batch
   std::size_t blocks = 0;
   std::size_t capacity = 0;  // vertices of the longest
 };
@@ -97,7 +104,13 @@ class Implementation final : public OpenCLSolver {
   template <class... Arguments>
   void set(const Kernel& kernel, const Arguments&... arguments) const;
   void choose_width(const Groom& groom);
+  std::size_t group_items() const { return std::bit_floor(std::min(kVertexGroup, device_.largest_group)); }
   std::string build_options(bool any_masked, bool any_rides) const;
+  std::size_t shared_numbers(int method, std::size_t vertices) const {
+    return shared_rows(method) * 3 * vertices * static_cast<std::size_t>(strands_->width);
+  }
+  Launch::Kind kind_of(const Placed<Scalar>& placed) const;
+  std::set<std::pair<Launch::Kind, int>> kernels_of_vertices() const;
   void cut_into_batches(std::uint64_t budget);
   void make_batch(Batch& batch, const Groom& groom);
   void start(const FrameInput& input);
@@ -116,7 +129,6 @@ class Implementation final : public OpenCLSolver {
   OpenCLOptions options_;
   Plan plan_;
   std::vector<std::uint64_t> offset_;
-  SharedRows shared_rows_;
   std::optional<StrandBlocks<Scalar>> strands_;
   std::vector<Mapping> mapping_;           // [regions]
   std::size_t numbers_ = 0;                // of the state
@@ -127,7 +139,8 @@ class Implementation final : public OpenCLSolver {
   Buffer region_reals_, region_ints_, substep_reals_, substep_ints_, spheres_, scratch_, streamed_state_;
   Buffer positions_, not_finite_;
   Program program_;
-  Kernel advance_strands_, advance_vertices_, long_advance_vertices_, gather_;
+  Kernel advance_strands_, gather_;
+  std::map<std::pair<Launch::Kind, int>, Kernel> advance_vertices_;
   std::vector<Batch> batches_;
   Queue compute_, transfer_;
   std::vector<Event> events_;     // of the kernels that simulate the frame started last
@@ -176,26 +189,33 @@ void Implementation<Scalar>::set(const Kernel& kernel, const Arguments&... argum
   (one(arguments), ...);
 }
 
-// By vertices, as many strands as make a group of kVertexGroup items, and by strands alone as many as a group has
-// items.
+// By vertices, as many strands as make a group of kVertexGroup items together, and fewer where the longest would not
+// fit local memory otherwise; by strands alone, as many as a group has items.
 template <class Scalar>
 void Implementation<Scalar>::choose_width(const Groom& groom) {
-  std::size_t longest = 0;
+  std::size_t strands = 0, vertices = 0, longest = 0, largest = 0;
   for (std::size_t s = 0; s < groom.strand_count(); ++s) {
     const std::uint32_t region = groom.region.empty() ? 0 : groom.region[s];
-    if (region < mapping_.size() && mapping_[region] == Mapping::Vertices) {
-      longest = std::max(longest, groom.vertex_count(s));
-    }
+    if (region >= mapping_.size() || mapping_[region] == Mapping::Strands) continue;
+    strands += 1;
+    vertices += groom.vertex_count(s);
+    longest = std::max(longest, groom.vertex_count(s));
+    largest = std::max(largest, shared_rows(method_of(plan_.regions[region])) * 3 * sizeof(Scalar) * longest);
   }
   std::size_t width = kItemGroup;
-  while (longest > 0 && width > 1 && width * longest > std::min(kVertexGroup, device_.largest_group)) width /= 2;
+  if (strands > 0) {
+    width = std::min(std::min(kItemGroup, group_items()),
+                     std::bit_floor(std::max<std::size_t>(1, group_items() * strands / vertices)));
+    if (largest <= device_.local_memory) width = std::min(width, std::bit_floor(device_.local_memory / largest));
+  }
   report_.strands_in_a_block = static_cast<int>(width);
 }
 
 template <class Scalar>
 std::string Implementation<Scalar>::build_options(bool any_masked, bool any_rides) const {
   std::string options = std::string("-DREAL=") + OpenCLName<Scalar>::value + " -DREAL3=" + OpenCLName<Scalar>::value +
-                        "3 -DWIDTH=" + std::to_string(strands_->width) + " -DITEM_GROUP=" + std::to_string(kItemGroup);
+                        "3 -DWIDTH=" + std::to_string(strands_->width) + " -DITEM_GROUP=" + std::to_string(kItemGroup) +
+                        " -DVERTEX_GROUP=" + std::to_string(group_items());
   const auto define = [&](bool condition, const char* name) {
     if (condition) options += std::string(" -D") + name;
   };
@@ -206,20 +226,41 @@ std::string Implementation<Scalar>::build_options(bool any_masked, bool any_ride
   define(any([](const RegionPlan& r) { return r.global_shape; }), "HAS_GLOBAL_SHAPE");
   define(any([](const RegionPlan& r) { return r.local_shape; }), "HAS_LOCAL_SHAPE");
   define(any([](const RegionPlan& r) { return r.edge_lengths; }), "HAS_EDGE_LENGTHS");
-  define(shared_rows_.frames, "HAS_FRAMES");
-  define(shared_rows_.scan, "HAS_SCAN");
-  define(shared_rows_.method_2, "HAS_METHOD_2");
   define(plan_.colliders, "HAS_SPHERES");
-  int method = 0;  // that all regions with local shape agree on, -1: they do not
-  for (const RegionPlan& region : plan_.regions) {
-    if (region.local_shape) method = method == 0 || method == region.local_method ? region.local_method : -1;
+  int method = 0;  // that all regions with a strand per work-item agree on, -1: they do not
+  for (std::size_t r = 0; r < plan_.regions.size(); ++r) {
+    const RegionPlan& region = plan_.regions[r];
+    if (!region.local_shape || mapping_[r] != Mapping::Strands) continue;
+    method = method == 0 || method == region.local_method ? region.local_method : -1;
   }
   if (method > 0) options += " -DLOCAL_METHOD=" + std::to_string(method);
+  for (const auto& [kind, of_method] : kernels_of_vertices()) {
+    options += " -D" + std::string("VERTICES_METHOD_") + std::to_string(of_method) +
+               (kind == Launch::Kind::Vertices ? "_LOCAL" : "_GLOBAL");
+  }
   // Options that a driver does not know would fail the build; where a device cannot divide exactly there is none.
   cl_device_fp_config config{};
   cl_.GetDeviceInfo(device_.id, CL_DEVICE_SINGLE_FP_CONFIG, sizeof config, &config, nullptr);
   if ((config & CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT) != 0) options += " -cl-fp32-correctly-rounded-divide-sqrt";
   return options;
+}
+
+template <class Scalar>
+Launch::Kind Implementation<Scalar>::kind_of(const Placed<Scalar>& placed) const {
+  if (mapping_[placed.region] == Mapping::Strands) return Launch::Kind::Strands;
+  const std::size_t numbers =
+      shared_numbers(method_of(plan_.regions[placed.region]), static_cast<std::size_t>(placed.block.vertices));
+  return numbers * sizeof(Scalar) <= device_.local_memory ? Launch::Kind::Vertices : Launch::Kind::LongVertices;
+}
+
+template <class Scalar>
+std::set<std::pair<Launch::Kind, int>> Implementation<Scalar>::kernels_of_vertices() const {
+  std::set<std::pair<Launch::Kind, int>> kernels;
+  for (const Placed<Scalar>& placed : strands_->blocks) {
+    const Launch::Kind kind = kind_of(placed);
+    if (kind != Launch::Kind::Strands) kernels.emplace(kind, method_of(plan_.regions[placed.region]));
+  }
+  return kernels;
 }
 
 // Whole blocks, as many as fit `budget` bytes and the device's largest buffer.
@@ -256,6 +297,7 @@ void Implementation<Scalar>::make_batch(Batch& batch, const Groom& groom) {
   std::vector<Target> targets;
   struct Bucket {
     Launch::Kind kind;
+    int method;
     std::size_t size;  // a power of two above all strands in it; 0 for strands
     std::size_t capacity = 0;
     std::vector<cl_uint> which = {};
@@ -296,16 +338,14 @@ void Implementation<Scalar>::make_batch(Batch& batch, const Groom& groom) {
       targets.push_back(target);
     }
     const auto vertices = static_cast<std::size_t>(block.vertices);
-    Bucket wanted{Launch::Kind::Strands, 0};
-    if (mapping_[placed.region] == Mapping::Vertices) {
-      wanted.size = 8;
-      while (wanted.size < vertices) wanted.size *= 2;
-      const std::size_t bytes =
-          shared_rows_.count() * 3 * vertices * static_cast<std::size_t>(strands_->width) * sizeof(Scalar);
-      wanted.kind = bytes <= device_.local_memory ? Launch::Kind::Vertices : Launch::Kind::LongVertices;
+    Bucket wanted{kind_of(placed), 0, 0};
+    if (wanted.kind != Launch::Kind::Strands) {
+      wanted.method = method_of(plan_.regions[placed.region]);
+      wanted.size = std::bit_ceil(std::max<std::size_t>(vertices, 8));
     }
-    auto bucket = std::find_if(buckets.begin(), buckets.end(),
-                               [&](const Bucket& x) { return x.kind == wanted.kind && x.size == wanted.size; });
+    auto bucket = std::find_if(buckets.begin(), buckets.end(), [&](const Bucket& x) {
+      return x.kind == wanted.kind && x.method == wanted.method && x.size == wanted.size;
+    });
     if (bucket == buckets.end()) bucket = buckets.insert(buckets.end(), wanted);
     // Those that do not fit the scratch memory together run one after the other.
     bucket->capacity = std::max(bucket->capacity, vertices);
@@ -316,13 +356,13 @@ void Implementation<Scalar>::make_batch(Batch& batch, const Groom& groom) {
   for (const Bucket& bucket : buckets) {
     std::size_t at_once = bucket.which.size();
     if (bucket.kind == Launch::Kind::LongVertices) {
-      const std::size_t bytes =
-          shared_rows_.count() * 3 * bucket.capacity * static_cast<std::size_t>(strands_->width) * sizeof(Scalar);
+      const std::size_t bytes = shared_numbers(bucket.method, bucket.capacity) * sizeof(Scalar);
       at_once = std::max<std::size_t>(1, kScratchBytes / bytes);
     }
     for (std::size_t first = 0; first < bucket.which.size(); first += at_once) {
       Launch launch;
       launch.kind = bucket.kind;
+      launch.method = bucket.method;
       launch.blocks = std::min(at_once, bucket.which.size() - first);
       launch.capacity = bucket.capacity;
       launch.which = make_buffer(launch.blocks * sizeof(cl_uint), bucket.which.data() + first, CL_MEM_READ_ONLY);
@@ -345,10 +385,6 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
     throw DeviceError("a groom of over 4,294,967,295 vertices needs --backend openmp");
   for (const RegionPlan& region : plan.regions) {
     mapping_.push_back(mapping_of(region, options.mapping, groom.strand_count()));
-    if (!region.local_shape || mapping_.back() != Mapping::Vertices) continue;
-    shared_rows_.frames |= region.local_method != 3;
-    shared_rows_.method_2 |= region.local_method == 2;
-    shared_rows_.scan |= region.local_method == 4;
   }
   choose_width(groom);
   strands_.emplace(groom, plan, report_.strands_in_a_block, options.threads, options.skip);
@@ -387,8 +423,11 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
     return made;
   };
   advance_strands_ = kernel("advance_strands");
-  advance_vertices_ = kernel("advance_vertices");
-  long_advance_vertices_ = kernel("long_advance_vertices");
+  for (const auto& [kind, method] : kernels_of_vertices()) {
+    const std::string name =
+        "advance_vertices_" + std::to_string(method) + (kind == Launch::Kind::Vertices ? "_local" : "_global");
+    advance_vertices_[{kind, method}] = kernel(name.c_str());
+  }
   gather_ = kernel("gather");
 
   positions_ = make_buffer(sizeof(Eigen::Vector3f) * groom.vertex_count(), nullptr);
@@ -422,8 +461,7 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
   for (Batch& batch : batches_) {
     make_batch(batch, groom);
     for (const Launch& launch : batch.launches) {
-      const std::size_t bytes =
-          shared_rows_.count() * 3 * launch.capacity * static_cast<std::size_t>(strands_->width) * sizeof(Scalar);
+      const std::size_t bytes = shared_numbers(launch.method, launch.capacity) * sizeof(Scalar);
       if (launch.kind == Launch::Kind::LongVertices) scratch_bytes = std::max(scratch_bytes, launch.blocks * bytes);
       if (launch.kind == Launch::Kind::Vertices)
         report_.local_bytes = std::max<std::uint64_t>(report_.local_bytes, bytes);
@@ -448,16 +486,11 @@ void Implementation<Scalar>::simulate(const Batch& batch, cl_mem state, cl_uint 
           swapped);
     } else {
       const bool is_long = launch.kind == Launch::Kind::LongVertices;
-      kernel = is_long ? &long_advance_vertices_ : &advance_vertices_;
-      std::size_t most = 0;
-      check_opencl(
-          cl_.GetKernelWorkGroupInfo(kernel->get(), device_.id, CL_KERNEL_WORK_GROUP_SIZE, sizeof most, &most, nullptr),
-          "tell about a kernel");
-      most = std::max(std::min(most, std::max(kVertexGroup, width)), width);
-      // Powers of two: some drivers compile anew for each size.
-      local = width * std::min(std::bit_ceil(std::max<std::size_t>(launch.capacity, 8)), std::bit_floor(most / width));
+      kernel = &advance_vertices_.at({launch.kind, launch.method});
+      // One size for all: some drivers compile anew for each.
+      local = group_items();
       global = local * launch.blocks;
-      const std::size_t numbers = shared_rows_.count() * 3 * launch.capacity * width;
+      const std::size_t numbers = shared_numbers(launch.method, launch.capacity);
       const auto capacity = static_cast<cl_uint>(launch.capacity);
       const auto common = [&](const auto&... rest) {
         set(*kernel, state, batch.blocks.get(), launch.which.get(), region_reals_.get(), region_ints_.get(),

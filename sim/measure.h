@@ -20,8 +20,8 @@ struct VertexRange {
 };
 
 // Largest |length / rest length - 1| over the segments that end in `range`; segments shorter than 1e-5 m at rest do not
-// count: a metre from the origin, float positions cannot tell their length to a hundredth. In float: right to a few 1e-7
-// of the length, and infinite beyond 1e19 m.
+// count: a metre from the origin, float positions cannot tell their length to a hundredth. In float: right to a few
+// 1e-7 of the length, and infinite beyond 1e19 m.
 float largest_stretch(std::span<const Eigen::Vector3f> position, std::span<const float> rest_length, VertexRange range);
 
 // How deep the deepest free vertex of `range` lies inside a sphere [m]; 0 where none does. `pinned` as

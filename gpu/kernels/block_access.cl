@@ -1,8 +1,8 @@
 // How kernels reach the state of a block. WIDTH strands lie side by side: number k of a row belongs to lane k.
 //
-// Constants of the program, from the plan: REAL, REAL3, WIDTH; HAS_MASKED, HAS_RIDES, HAS_WIND, HAS_GLOBAL_SHAPE,
-// HAS_LOCAL_SHAPE, HAS_EDGE_LENGTHS, HAS_SPHERES where anything uses the pass; HAS_FRAMES, HAS_METHOD_2, HAS_SCAN where
-// the mapping by vertices does; LOCAL_METHOD where all regions agree on it.
+// Constants of the program, from the plan: REAL, REAL3, WIDTH, ITEM_GROUP, VERTEX_GROUP; HAS_MASKED, HAS_RIDES, HAS_WIND,
+// HAS_GLOBAL_SHAPE, HAS_LOCAL_SHAPE, HAS_EDGE_LENGTHS, HAS_SPHERES where anything uses the pass; LOCAL_METHOD where all
+// regions with a strand per work-item agree on it; VERTICES_METHOD_..., see vertex_per_item.cl, for what is in use.
 
 #define ROW (3 * WIDTH)
 

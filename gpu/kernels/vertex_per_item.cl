@@ -3,9 +3,11 @@
 // in two batches with a barrier between them. Where a block has more vertices than work-items, an item takes every
 // `rows`-th.
 //
-// This text is compiled twice: SHARED is __local, or __global for strands too long for it; NAME(x) tells functions apart.
-// `shared` holds SHARED_ROWS rows of 3 WIDTH numbers for each of `capacity` vertices: p, q, and with HAS_FRAMES x and y of
-// the frames, and with HAS_SCAN the products of the scan. `shared_stride`: numbers from one group's to the next's.
+// This text is compiled for each METHOD in use (0: no local shape), with SHARED as __local, or as __global for strands too
+// long for it; NAME(x) tells the results apart. A barrier stands under no condition but those of loops, so that all items
+// come to it and compilers need not wonder.
+// `shared` holds rows of 3 WIDTH numbers for each of `capacity` vertices: p, q, with methods 2 and 4 x and y of the frames,
+// and with method 4 the products of the scan. `shared_stride`: numbers from one group's to the next's.
 
 static Real3 NAME(read_shared)(const SHARED Real* lane, uint i) {
   lane += (size_t)i * ROW;
@@ -18,7 +20,22 @@ static void NAME(write_shared)(SHARED Real* lane, uint i, Real3 v) {
   lane[2 * WIDTH] = v.z;
 }
 
-__kernel void NAME(advance_vertices)(
+#if METHOD == 4
+static Twist NAME(read_twist)(const SHARED Real* lane, uint i) {
+  lane += (size_t)i * ROW;
+  Twist twist;
+  twist.re = lane[0];
+  twist.im = lane[WIDTH];
+  return twist;
+}
+static void NAME(write_twist)(SHARED Real* lane, uint i, Twist twist) {
+  lane += (size_t)i * ROW;
+  lane[0] = twist.re;
+  lane[WIDTH] = twist.im;
+}
+#endif
+
+__kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(advance_vertices)(
     __global Real* state, const __global BlockRow* blocks, const __global uint* which,
     const __global Real* region_reals, const __global int* region_ints, const __global Real* substep_reals,
     const __global int* substep_ints, const __global Real* spheres, uint substep_count, uint swapped,
@@ -26,24 +43,17 @@ __kernel void NAME(advance_vertices)(
   const BlockRow block = blocks[which[get_group_id(0)]];
   const uint lane = get_local_id(0) % WIDTH;
   const uint row = get_local_id(0) / WIDTH;
-  const uint rows = get_local_size(0) / WIDTH;
+  const uint rows = VERTEX_GROUP / WIDTH;
   const uint n = block.vertices;
   const __global Real* const rest = state + block.rest + lane;
-
-#ifdef HAS_RIDES
-  if (block.rides) {
-    const Head head = head_of(substep_reals + (substep_count - 1) * kSubstepReals);
-    for (uint i = row; i < n; i += rows) {
-      write3(state + block.position + lane, i, carry_with(head, read3(rest, i)));
-    }
-    return;
-  }
-#endif
 
   SHARED Real* const shared = shared_base + get_group_id(0) * (size_t)shared_stride + lane;
   SHARED Real* p = shared;
   SHARED Real* q = shared + (size_t)capacity * ROW;
-#ifdef HAS_FRAMES
+#if METHOD == 4
+  SHARED Real* const twist = shared + (size_t)4 * capacity * ROW;
+#endif
+#if METHOD == 2 || METHOD == 4
   SHARED Real* const frame_x = shared + (size_t)2 * capacity * ROW;
   SHARED Real* const frame_y = shared + (size_t)3 * capacity * ROW;
 #endif
@@ -56,16 +66,16 @@ __kernel void NAME(advance_vertices)(
 #ifdef HAS_MASKED
   const bool masked = block.masked;
 #endif
-  const uint chunks = (n + rows - 1) / rows;  // the same for all items, as barriers want it
+#if METHOD == 2 || METHOD == 4
+  const uint chunks = (n + rows - 1) / rows;
+#endif
 
   for (uint i = row; i < n; i += rows) {
     NAME(write_shared)(p, i, read3(p_state, i));
     NAME(write_shared)(q, i, read3(q_state, i));
-#ifdef HAS_METHOD_2
-    if (counts[kLocalShape] && LOCAL_METHOD_OF(counts) == 2) {
-      NAME(write_shared)(frame_x, i, read3(state + block.frame_x + lane, i));
-      NAME(write_shared)(frame_y, i, read3(state + block.frame_y + lane, i));
-    }
+#if METHOD == 2
+    NAME(write_shared)(frame_x, i, read3(state + block.frame_x + lane, i));
+    NAME(write_shared)(frame_y, i, read3(state + block.frame_y + lane, i));
 #endif
   }
   SHARED_BARRIER;
@@ -108,42 +118,78 @@ __kernel void NAME(advance_vertices)(
     }
     SHARED_BARRIER;
 
-#ifdef HAS_LOCAL_SHAPE
-    if (counts[kLocalShape]) {
+#if METHOD > 0
+    {
       const Real half_stiffness = region[kHalfLocalStiffness];
-      const int method = LOCAL_METHOD_OF(counts);
+#if METHOD == 2 || METHOD == 4
       const __global Real* const local_edge = state + block.local_edge + lane;
       const __global Real* const remainder = state + block.remainder + lane;
-#ifdef HAS_FRAMES
+      const __global Real* const rest_frame = state + block.root_frame + lane;
       Frame root;
-      root.x = root.y = (Real3)(0);
-      if (method != 3) {
-        const __global Real* const rest_frame = state + block.root_frame + lane;
-        root.x = turn_with(head, read3(rest_frame, 0));
-        root.y = turn_with(head, read3(rest_frame, 1));
-        if (row == 0) {
-          NAME(write_shared)(frame_x, 1, root.x);
-          NAME(write_shared)(frame_y, 1, root.y);
+      root.x = turn_with(head, read3(rest_frame, 0));
+      root.y = turn_with(head, read3(rest_frame, 1));
+      if (row == 0 && counts[kLocalShape]) {
+        NAME(write_shared)(frame_x, 1, root.x);
+        NAME(write_shared)(frame_y, 1, root.y);
+      }
+      SHARED_BARRIER;
+#endif
+      const int iterations = counts[kLocalShape] ? counts[kLocalIterations] : 0;
+      for (int iteration = 0; iteration < iterations; ++iteration) {
+#if METHOD == 4
+        // The frames of the whole strand (passes/frame_scan.h).
+        for (uint i = row; i < n; i += rows) {
+          if (i < 2) continue;
+          const Frame along =
+              frame_along(direction_or(NAME(read_shared)(q, i) - NAME(read_shared)(q, i - 1), root.x));
+          NAME(write_shared)(frame_x, i, along.x);
+          NAME(write_shared)(frame_y, i, along.y);
         }
         SHARED_BARRIER;
-      }
+        for (uint i = row; i < n; i += rows) {
+          if (i < 2) continue;
+          Frame before, here;
+          before.x = NAME(read_shared)(frame_x, i - 1);
+          before.y = NAME(read_shared)(frame_y, i - 1);
+          here.x = NAME(read_shared)(frame_x, i);
+          here.y = NAME(read_shared)(frame_y, i);
+          NAME(write_twist)(twist, i, twist_between(before, here));
+        }
+        SHARED_BARRIER;
+        // From the tip, so that each round sees what the one before it has left.
+        for (uint d = 1; d + 2 < n; d *= 2) {
+          for (uint chunk = chunks; chunk-- > 0;) {
+            const uint i = chunk * rows + row;
+            const bool turns = i >= 2 + d && i < n;
+            Twist product;
+            product.re = product.im = (Real)0;
+            if (turns) product = twist_product(NAME(read_twist)(twist, i), NAME(read_twist)(twist, i - d));
+            SHARED_BARRIER;
+            if (turns) NAME(write_twist)(twist, i, product);
+            SHARED_BARRIER;
+          }
+        }
+        for (uint i = row; i < n; i += rows) {
+          if (i < 2) continue;
+          Frame along;
+          along.x = NAME(read_shared)(frame_x, i);
+          along.y = NAME(read_shared)(frame_y, i);
+          NAME(write_shared)(frame_y, i, twisted_frame(along, NAME(read_twist)(twist, i)).y);
+        }
+        SHARED_BARRIER;
 #endif
-      for (int iteration = 0; iteration < counts[kLocalIterations]; ++iteration) {
         for (uint batch = 2; batch <= 3; ++batch) {
           for (uint i = batch + 2 * row; i < n; i += 2 * rows) {
             Real3 near = NAME(read_shared)(q, i - 1);
             Real3 far = NAME(read_shared)(q, i);
-            Real3 d;
-            if (method == 3) {  // Algorithm 5
-              d = (turn_with(head, read3(rest, i) - read3(rest, i - 1)) - (far - near)) * half_stiffness;
-            } else {  // Algorithm 4, and frames that are newer
-#ifdef HAS_FRAMES
-              Frame frame;
-              frame.x = NAME(read_shared)(frame_x, i - 1);
-              frame.y = NAME(read_shared)(frame_y, i - 1);
-              d = local_shape_error(frame, read3(local_edge, i), read3(remainder, i), far - near) * half_stiffness;
+#if METHOD == 3  // Algorithm 5
+            Real3 d = (turn_with(head, read3(rest, i) - read3(rest, i - 1)) - (far - near)) * half_stiffness;
+#else  // Algorithm 4, with frames of the iteration before or of this one
+            Frame frame;
+            frame.x = NAME(read_shared)(frame_x, i - 1);
+            frame.y = NAME(read_shared)(frame_y, i - 1);
+            Real3 d = local_shape_error(frame, read3(local_edge, i), read3(remainder, i), far - near) * half_stiffness;
 #endif
-            }
 #ifdef HAS_MASKED
             if (masked) {
               d = d * read1(is_active, i);
@@ -160,9 +206,9 @@ __kernel void NAME(advance_vertices)(
           }
           SHARED_BARRIER;
         }
-#ifdef HAS_METHOD_2
+#if METHOD == 2
         // From the tip, so that each new frame still sees the old one before it.
-        for (uint chunk = method == 2 ? chunks : 0; chunk-- > 0;) {
+        for (uint chunk = chunks; chunk-- > 0;) {
           const uint i = chunk * rows + row;
           Frame frame = root;
           if (i >= 2 && i < n) {
@@ -235,11 +281,9 @@ __kernel void NAME(advance_vertices)(
   for (uint i = row; i < n; i += rows) {
     write3(p_to, i, NAME(read_shared)(p, i));
     write3(q_to, i, NAME(read_shared)(q, i));
-#ifdef HAS_METHOD_2
-    if (counts[kLocalShape] && LOCAL_METHOD_OF(counts) == 2) {
-      write3(state + block.frame_x + lane, i, NAME(read_shared)(frame_x, i));
-      write3(state + block.frame_y + lane, i, NAME(read_shared)(frame_y, i));
-    }
+#if METHOD == 2
+    write3(state + block.frame_x + lane, i, NAME(read_shared)(frame_x, i));
+    write3(state + block.frame_y + lane, i, NAME(read_shared)(frame_y, i));
 #endif
   }
 }

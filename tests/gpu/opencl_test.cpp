@@ -54,8 +54,9 @@ TEST_CASE("a device gives the bytes of the CPU: awkward strands, three regions, 
 }
 
 TEST_CASE("a device gives the bytes of the CPU: each method alone") {
-  const int method = GENERATE(1, 2, 3);
+  const int method = GENERATE(1, 2, 3, 4);
   const Mapping mapping = GENERATE(Mapping::Strands, Mapping::Vertices);
+  if ((method == 1 && mapping == Mapping::Vertices) || (method == 4 && mapping == Mapping::Strands)) return;
   Shot shot;
   shot.groom = mixed_groom(3, 60, 30);
   shot.region.local.method = method;

@@ -1,0 +1,95 @@
+#include "cli/backend.h"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+
+namespace strandbake {
+namespace {
+
+// A smaller bake takes a second on a CPU: less than a driver needs to build its program.
+constexpr double kWorthADevice = 2e8;  // vertex substeps
+
+}  // namespace
+
+void BackendOptions::add_to(CLI::App& app) {
+  app.add_option(
+         "--backend", backend,
+         "openmp: the CPU. opencl: a device (`strandbake devices`). auto: a GPU where there is one that gives the "
+         "bytes of the CPU and the bake is long enough to gain from it, else the CPU")
+      ->check(CLI::IsMember({"auto", "openmp", "opencl"}))
+      ->envname("STRANDBAKE_BACKEND");
+  app.add_option("--device", device, "With --backend opencl: which device; left out: the first")
+      ->type_name("N")
+      ->check(CLI::NonNegativeNumber);
+  app.add_option("--mapping", mapping,
+                 "With opencl. strands: a strand per work-item (methods 1 to 3). vertices: a vertex per work-item "
+                 "(methods 2 to 4). auto: by method and number of strands. The cache does not depend on it")
+      ->check(CLI::IsMember({"auto", "strands", "vertices"}));
+  app.add_option("--device-memory", device_memory,
+                 "With opencl: hair takes at most so much of the device's memory, e.g. 512MiB, and goes through it in "
+                 "batches if need be; left out: all of it")
+      ->type_name("SIZE")
+      ->transform(CLI::AsSizeValue(false));
+}
+
+Precision precision_of(const Scene& scene) {
+  return scene.solver.precision == "double" ? Precision::Double : Precision::Float;
+}
+
+double vertex_substeps(const Shot& shot) {
+  const Scene& scene = shot.scene;
+  const double frames = static_cast<double>(scene.last_frame) - scene.first_frame + scene.bake.preroll;
+  return static_cast<double>(shot.groom.vertex_count()) * frames * scene.bake.substeps;
+}
+
+Backend choose_backend(const BackendOptions& options, Precision precision, double vertex_substeps) {
+  Backend backend;
+  if (options.backend == "opencl") {
+    backend.device = find_device(std::max(options.device, 0));
+  } else if (options.device >= 0) {
+    throw DeviceError("--device chooses among OpenCL's devices; it wants --backend opencl");
+  } else if (options.backend == "auto" && vertex_substeps >= kWorthADevice) {
+    if (const int gpu = find_exact_gpu(precision == Precision::Double); gpu >= 0) backend.device = find_device(gpu);
+  }
+  backend.opencl.mapping = options.mapping == "strands"    ? Mapping::Strands
+                           : options.mapping == "vertices" ? Mapping::Vertices
+                                                           : Mapping::Auto;
+  backend.opencl.memory = options.device_memory;
+  return backend;
+}
+
+std::string describe_backend(const Backend& backend, const SolverOptions& options) {
+  const char* const precision = options.precision == Precision::Double ? "double" : "float";
+  if (!backend.device) {
+    return fmt::format("openmp, {}, {} thread{}", precision, options.threads, options.threads == 1 ? "" : "s");
+  }
+  const Device& device = *backend.device;
+  const bool exact = options.precision == Precision::Double ? device.exact_double : device.exact_float;
+  return fmt::format("opencl on {} ({}), {}{}", device.name, device.platform_name, precision,
+                     exact ? "" : "; its division and square root are not exact, so bytes differ from the CPU's");
+}
+
+std::unique_ptr<Solver> make_solver(const Backend& backend, const Groom& groom, const Plan& plan,
+                                    const Eigen::Isometry3d& head, const SolverOptions& options) {
+  if (!backend.device) return make_openmp_solver(groom, plan, head, options);
+  OpenCLOptions opencl = backend.opencl;
+  opencl.precision = options.precision;
+  opencl.threads = options.threads;
+  opencl.skip = options.skip;
+  opencl.program_cache = program_cache_folder();
+  return make_opencl_solver(groom, plan, head, *backend.device, opencl);
+}
+
+std::filesystem::path program_cache_folder() {
+  if (const char* const cache = std::getenv("XDG_CACHE_HOME"); cache != nullptr && *cache != '\0') {
+    return std::filesystem::path(cache) / "strandbake/opencl";
+  }
+  if (const char* const home = std::getenv("HOME"); home != nullptr && *home != '\0') {
+    return std::filesystem::path(home) / ".cache/strandbake/opencl";
+  }
+  return {};
+}
+
+}  // namespace strandbake

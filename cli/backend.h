@@ -1,0 +1,50 @@
+// Which solver a verb uses: the CPU's, or that of an OpenCL device.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "formats/shot.h"
+#include "gpu/opencl_solver.h"
+#include "sim/solver.h"
+
+namespace CLI {
+class App;
+}
+
+namespace strandbake {
+
+struct BackendOptions {
+  std::string backend = "auto";
+  int device = -1;  // as `strandbake devices` numbers them; -1: the first
+  std::string mapping = "auto";
+  std::uint64_t device_memory = 0;  // [bytes]
+  void add_to(CLI::App& app);
+};
+
+struct Backend {
+  std::optional<Device> device;  // none: the CPU
+  OpenCLOptions opencl;
+};
+
+Precision precision_of(const Scene& scene);
+// How much there is to do: vertices times substeps, of all frames.
+double vertex_substeps(const Shot& shot);
+
+// `vertex_substeps`: of the whole bake. Throws DeviceError where what is asked for cannot be had.
+Backend choose_backend(const BackendOptions& options, Precision precision, double vertex_substeps);
+
+// "openmp, float, 2 threads"
+std::string describe_backend(const Backend& backend, const SolverOptions& options);
+
+std::unique_ptr<Solver> make_solver(const Backend& backend, const Groom& groom, const Plan& plan,
+                                    const Eigen::Isometry3d& head, const SolverOptions& options);
+
+// Where built OpenCL programs are kept for the next run: $XDG_CACHE_HOME/strandbake/opencl or
+// ~/.cache/strandbake/opencl; empty where neither is known.
+std::filesystem::path program_cache_folder();
+
+}  // namespace strandbake

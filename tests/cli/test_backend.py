@@ -1,0 +1,210 @@
+"""The solver on OpenCL devices, from the command line: the bytes of the CPU, and what happens where a device is missing,
+too small or fails."""
+
+import json
+import platform
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from conftest import DEVICE, GOOD, PROGRAM, USAGE, assert_one_error, read
+
+# A region for each method, and most of what a scene can have.
+SCENE = '''[bake]
+frames = "1-4"
+substeps = 2
+
+[groom]
+files = ["hair.hair"]
+
+[[region]]
+name = "exact"
+strands = {range = "0-19"}
+
+[[region]]
+name = "scanned"
+strands = {range = "20-39"}
+local = {method = 4}
+
+[[region]]
+name = "turned"
+local = {method = 3}
+global = {stiffness = 0.2, range = 0.5}
+
+[[collider]]
+sphere = {center = [0, 0, 0], radius = 0.1}
+
+[wind]
+velocity = [2, 0, 1]
+gust = 0.5
+'''
+
+
+@pytest.fixture(scope="module")
+def library_folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("library")
+
+
+@pytest.fixture
+def scene(shot):
+    assert shot.run("groom", "--style", "curly", "--strands", "60", "--vertices", "12", "-o", "hair.hair").code == GOOD
+    (shot / "scene.toml").write_text(SCENE)
+    return shot
+
+
+@pytest.fixture
+def device(shot):
+    """A shot on a machine that has a device which gives the bytes of the CPU."""
+    listed = shot.run("devices", "--json")
+    if listed.code != GOOD:
+        pytest.skip("there is no OpenCL device")
+    devices = json.loads(listed.out)
+    if not devices[0]["exact_float"]:
+        pytest.skip("the first OpenCL device does not divide exactly")
+    return devices[0]
+
+
+def bake(shot, *options, **settings):
+    return shot.run("bake", "scene.toml", "--force", "--quiet", *options, **settings)
+
+
+def test_devices_are_listed(shot, device):
+    listed = shot.run("devices")
+    assert listed.code == GOOD
+    assert f"device 0: {device['name']}\n" in listed.out
+    assert "the bytes of the CPU" in listed.out
+
+
+def test_a_device_writes_the_cache_of_the_cpu(scene, device):
+    assert bake(scene, "--backend", "openmp", "-o", "cpu.h5").code == GOOD
+    # The second mapping in batches that take turns in the device's memory.
+    for options in (["--mapping", "vertices"], ["--mapping", "strands", "--device-memory", "40KB"]):
+        result = bake(scene, "--backend", "opencl", *options, "-o", "device.h5")
+        assert result.code == GOOD, result.err
+        assert (scene / "device.h5").read_bytes() == (scene / "cpu.h5").read_bytes()
+    # auto takes a GPU or the CPU; the cache is the same.
+    assert bake(scene, "-o", "auto.h5").code == GOOD
+    assert (scene / "auto.h5").read_bytes() == (scene / "cpu.h5").read_bytes()
+
+
+def test_frames_that_are_not_written_are_simulated_on_the_device_too(scene, device):
+    assert bake(scene, "--backend", "openmp", "--frames", "3-4", "-o", "cpu.h5").code == GOOD
+    assert bake(scene, "--backend", "opencl", "--mapping", "vertices", "--frames", "3-4", "-o", "device.h5").code == GOOD
+    assert (scene / "device.h5").read_bytes() == (scene / "cpu.h5").read_bytes()
+
+
+def test_the_plan_names_the_device(scene, device):
+    for verb in (["check", "scene.toml"], ["bake", "scene.toml", "--dry-run"]):
+        plan = scene.run(*verb, "--backend", "opencl")
+        assert plan.code == GOOD
+        assert f"opencl on {device['name']}" in plan.out
+
+
+def test_devices_that_do_not_exist(scene, device):
+    assert_one_error(bake(scene, "--backend", "opencl", "--device", "99", "-o", "x.h5"), DEVICE, "no device 99",
+            "strandbake devices")
+    assert_one_error(bake(scene, "--device", "0", "-o", "x.h5"), DEVICE, "--backend opencl")
+    assert bake(scene, "--backend", "cuda").code == USAGE
+    assert bake(scene, "--backend", "opencl", "--device", "-1").code == USAGE
+    assert not (scene / "x.h5").exists() and not (scene / "x.h5.part").exists()
+
+
+def test_without_any_device(scene, device, library_folder):
+    nothing = {"OCL_ICD_VENDORS": str(library_folder / "nothing")}
+    assert_one_error(bake(scene, "--backend", "opencl", "-o", "x.h5", env=nothing), DEVICE, "lists no device",
+            "--backend openmp")
+    assert_one_error(scene.run("devices", env=nothing), DEVICE, "lists no device")
+    assert bake(scene, "-o", "auto.h5", env=nothing).code == GOOD
+
+
+def test_without_any_opencl(scene, library_folder):
+    folder = library_folder / "broken"
+    folder.mkdir(exist_ok=True)
+    (folder / "libOpenCL.so.1").write_text("this is no library\n")
+    broken = {"LD_LIBRARY_PATH": str(folder)}
+    assert_one_error(bake(scene, "--backend", "opencl", "-o", "x.h5", env=broken), DEVICE, "no OpenCL library",
+            "--backend openmp")
+    assert_one_error(scene.run("devices", env=broken), DEVICE, "no OpenCL library")
+    for backend in ("auto", "openmp"):
+        assert bake(scene, "--backend", backend, "-o", f"{backend}.h5", env=broken).code == GOOD
+
+
+def test_opencl_is_not_loaded_unless_asked_for(scene):
+    maps = subprocess.run(["ldd", PROGRAM], capture_output=True, text=True, check=False)
+    assert "OpenCL" not in maps.stdout
+    loaded = bake(scene, "--backend", "openmp", "-o", "x.h5", env={"LD_DEBUG": "libs"})
+    assert loaded.code == GOOD and "libOpenCL" not in loaded.err
+
+
+def test_built_programs_are_kept_and_damage_to_them_is_mended(scene, device, library_folder):
+    cache = library_folder / "programs"
+    settings = {"XDG_CACHE_HOME": str(cache)}
+    run = lambda: bake(scene, "--backend", "opencl", "--mapping", "vertices", "-o", "x.h5", env=settings)
+    assert run().code == GOOD
+    first = (scene / "x.h5").read_bytes()
+    (program,) = (cache / "strandbake/opencl").iterdir()
+    whole = program.read_bytes()
+    for damaged in (whole[: len(whole) // 2], b"", whole[:-1] + bytes([whole[-1] ^ 1])):
+        program.write_bytes(damaged)
+        assert run().code == GOOD
+        assert (scene / "x.h5").read_bytes() == first
+        assert program.read_bytes()[:64] == whole[:64] or len(program.read_bytes()) > len(damaged)
+    assert [p.name for p in (cache / "strandbake/opencl").iterdir()] == [program.name]
+
+
+# Stands in for libOpenCL.so.1, hands every call on, and lets the kernels of a bake fail after a while.
+FAILING = r'''
+#include <dlfcn.h>
+#include <stdlib.h>
+#define EACH(F) F(clGetPlatformIDs) F(clGetPlatformInfo) F(clGetDeviceIDs) F(clGetDeviceInfo) F(clCreateContext) \
+  F(clReleaseContext) F(clCreateCommandQueue) F(clReleaseCommandQueue) F(clCreateBuffer) F(clReleaseMemObject) \
+  F(clCreateProgramWithSource) F(clCreateProgramWithBinary) F(clBuildProgram) F(clGetProgramInfo) \
+  F(clGetProgramBuildInfo) F(clReleaseProgram) F(clCreateKernel) F(clReleaseKernel) F(clSetKernelArg) \
+  F(clEnqueueReadBuffer) F(clEnqueueWriteBuffer) F(clWaitForEvents) F(clGetEventProfilingInfo) F(clReleaseEvent) \
+  F(clFlush) F(clFinish)
+#define F(name) static void* real_##name; __attribute__((naked)) void name(void) { __asm__("jmp *%0" ::"m"(real_##name)); }
+EACH(F)
+#undef F
+static int (*real_run)(void*, void*, unsigned, void*, void*, void*, unsigned, void*, void*);
+static int left;
+int clEnqueueNDRangeKernel(void* a, void* b, unsigned c, void* d, void* e, void* f, unsigned g, void* h, void* i) {
+  return left-- > 0 ? real_run(a, b, c, d, e, f, g, h, i) : -5; /* CL_OUT_OF_RESOURCES */
+}
+__attribute__((constructor)) static void find(void) {
+  void* library = dlopen(getenv("REAL_OPENCL"), RTLD_NOW);
+#define F(name) real_##name = dlsym(library, #name);
+  EACH(F)
+#undef F
+  *(void**)&real_run = dlsym(library, "clEnqueueNDRangeKernel");
+  left = atoi(getenv("KERNELS_LEFT"));
+}
+'''
+
+
+def real_opencl():
+    listed = subprocess.run(["/sbin/ldconfig", "-p"], capture_output=True, text=True, check=True).stdout
+    return next((line.split("=>")[1].strip() for line in listed.splitlines() if "libOpenCL.so.1 " in line), None)
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the stand-in for OpenCL is written for x86-64")
+def test_a_device_that_fails_leaves_the_frames_before(scene, device, library_folder):
+    if shutil.which("cc") is None:
+        pytest.skip("there is no C compiler to make a failing OpenCL with")
+    folder = library_folder / "failing"
+    folder.mkdir(exist_ok=True)
+    source = folder / "failing.c"
+    source.write_text(FAILING)
+    subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", folder / "libOpenCL.so.1", source, "-ldl"], check=True)
+    assert bake(scene, "--backend", "openmp", "-o", "cpu.h5").code == GOOD
+    expected = read(scene / "cpu.h5")["frames/position"]
+    seen = set()
+    for kernels in (0, 3, 5, 7, 9, 10):
+        failing = {"LD_LIBRARY_PATH": str(folder), "REAL_OPENCL": real_opencl(), "KERNELS_LEFT": str(kernels)}
+        result = bake(scene, "--backend", "opencl", "--mapping", "vertices", "-o", "x.h5", env=failing)
+        assert_one_error(result, DEVICE, "CL_OUT_OF_RESOURCES", "x.h5.part holds")
+        assert not (scene / "x.h5").exists()
+        left = read(scene / "x.h5.part")["frames/position"]
+        np.testing.assert_array_equal(left, expected[: len(left)])
+        seen.add(len(left))
+    assert len(seen) > 1

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <memory>
 
+#include "cli/backend.h"
 #include "cli/bench/benchmarks.h"
 #include "cli/verbs.h"
 #include "formats/error.h"
@@ -51,6 +52,7 @@ int run_bench(const Benchmark& benchmark, BenchVerbOptions options) {
     }
   }
   if (options.bench.threads == 0) options.bench.threads = omp_get_max_threads();
+  options.bench.program_cache = program_cache_folder();
   const Report report = benchmark.run(options.bench);
   fmt::print("{}", report_text(report));
   write_report(options.csv, report_csv(report));
@@ -81,6 +83,11 @@ Verb add_bench(CLI::App& app) {
         ->type_name("FOLDER")
         ->check(CLI::ExistingDirectory);
   }
+  app.get_subcommand("table2")
+      ->add_option("--device", options->bench.devices,
+                   "Also run on this OpenCL device, in each mapping; may be given more than once")
+      ->type_name("N")
+      ->check(CLI::NonNegativeNumber);
   return [options, &app]() -> int {
     const std::string name = app.get_subcommands().front()->get_name();
     for (const Benchmark& benchmark : kBenchmarks) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <vector>
 
 #include "cli/bench/report.h"
 
@@ -12,6 +13,8 @@ struct BenchOptions {
   int threads = 1;
   double share = 1;              // of the strands of each groom that are used, above 0
   std::filesystem::path folder;  // for scenes and caches of bakes
+  std::vector<int> devices;      // of OpenCL, beside the CPU; table2
+  std::filesystem::path program_cache;
 };
 
 Report bench_table2(const BenchOptions& options);

@@ -1,7 +1,8 @@
-// Table 2 of the paper on this machine's processor.
+// Table 2 of the paper on this machine's processor, and on OpenCL devices.
 #include <fmt/format.h>
 
 #include <array>
+#include <iterator>
 #include <optional>
 
 #include "cli/bench/benchmarks.h"
@@ -45,6 +46,20 @@ Workload workload_of(const Row& row, std::shared_ptr<const Groom> groom) {
   return workload;
 }
 
+struct Contender {
+  std::size_t method_index;
+  std::string backend;
+  std::unique_ptr<SolverRun> run;
+  Timing timing = {};
+};
+
+void measure(std::vector<Contender>& contenders, const Effort& effort) {
+  std::vector<Turn> turns;
+  for (Contender& contender : contenders) turns.push_back(contender.run->turn(0.02));
+  const std::vector<Timing> timings = take_turns(turns, effort);
+  for (std::size_t k = 0; k < contenders.size(); ++k) contenders[k].timing = timings[k];
+}
+
 }  // namespace
 
 Report bench_table2(const BenchOptions& options) {
@@ -59,6 +74,7 @@ Report bench_table2(const BenchOptions& options) {
                           {"method", "method"},
                           {"length_iterations", "length it."},
                           {"local_iterations", "local it."},
+                          {"backend", "backend"},
                           {"hd7970_ms", "HD 7970 [ms]"},
                           {"w8000_ms", "W8000 [ms]"},
                           {"median_ms", "median [ms]"},
@@ -69,6 +85,8 @@ Report bench_table2(const BenchOptions& options) {
                           {"floor_share_percent", "floor [%]"}};
   report.probes = {measure_probes(options.threads, options.quick)};
   const Probes& probes = report.probes.front();
+  std::vector<Device> devices;
+  for (const int number : options.devices) devices.push_back(find_device(number));
   const Effort effort = options.quick ? Effort{7, 2} : Effort{51, 25};
 
   Panel panel;
@@ -79,19 +97,38 @@ Report bench_table2(const BenchOptions& options) {
     const auto groom = std::make_shared<const Groom>(thinned(*make_preset(kTable2.at(first).model), options.share));
     const auto vertices = static_cast<double>(groom->vertex_count());
     std::vector<Workload> workloads;
-    std::vector<std::unique_ptr<SolverRun>> runs;
-    std::vector<Turn> turns;
-    for (std::size_t k = first; k < first + kMethods; ++k) {
-      workloads.push_back(workload_of(kTable2.at(k), groom));
-      runs.push_back(
-          std::make_unique<SolverRun>(workloads.back(), SolverOptions{Precision::Float, options.threads, 0}));
-      turns.push_back(runs.back()->turn(0.02));
-    }
-    const std::vector<Timing> timings = take_turns(turns, effort);
+    for (std::size_t k = first; k < first + kMethods; ++k) workloads.push_back(workload_of(kTable2.at(k), groom));
+    // The processor takes turns with nothing but itself: a device that runs on the same cores would be in its way.
+    std::vector<Contender> contenders;
     for (std::size_t k = 0; k < kMethods; ++k) {
-      const Row& row = kTable2.at(first + k);
-      const double floor = floor_seconds(work_of(workloads[k]), vertices, 1, Precision::Float, probes);
-      const double median = timings[k].median;
+      contenders.push_back(
+          {k, "openmp",
+           std::make_unique<SolverRun>(workloads[k], SolverOptions{Precision::Float, options.threads, 0, {}})});
+    }
+    measure(contenders, effort);
+    for (const Device& device : devices) {
+      std::vector<Contender> on_device;
+      for (std::size_t k = 0; k < kMethods; ++k) {
+        for (const Mapping mapping : {Mapping::Strands, Mapping::Vertices}) {
+          const int method = kTable2.at(first + k).method;
+          if (mapping == Mapping::Strands ? method == 4 : method == 1) continue;
+          OpenCLOptions opencl;
+          opencl.threads = options.threads;
+          opencl.mapping = mapping;
+          opencl.program_cache = options.program_cache;
+          on_device.push_back({k, device.name + (mapping == Mapping::Strands ? ", strands" : ", vertices"),
+                               std::make_unique<SolverRun>(workloads[k], device, opencl)});
+        }
+      }
+      measure(on_device, effort);
+      std::move(on_device.begin(), on_device.end(), std::back_inserter(contenders));
+    }
+    for (const Contender& contender : contenders) {
+      const Row& row = kTable2.at(first + contender.method_index);
+      const bool on_cpu = contender.backend == "openmp";
+      const double floor =
+          floor_seconds(work_of(workloads[contender.method_index]), vertices, 1, Precision::Float, probes);
+      const double median = contender.timing.median;
       const auto cell = [](std::optional<double> value) { return value ? Cell(*value) : Cell(); };
       report.table.add({{"model", row.model},
                         {"strands", static_cast<double>(groom->strand_count())},
@@ -99,14 +136,16 @@ Report bench_table2(const BenchOptions& options) {
                         {"method", static_cast<double>(row.method)},
                         {"length_iterations", static_cast<double>(row.length_iterations)},
                         {"local_iterations", static_cast<double>(row.local_iterations)},
+                        {"backend", contender.backend},
                         {"hd7970_ms", cell(row.hd7970_ms)},
                         {"w8000_ms", cell(row.w8000_ms)},
                         {"median_ms", 1e3 * median},
-                        {"best_ms", 1e3 * timings[k].best},
+                        {"best_ms", 1e3 * contender.timing.best},
                         {"hd7970_over_median", row.hd7970_ms ? Cell(*row.hd7970_ms / (1e3 * median)) : Cell()},
                         {"ns_per_vertex", 1e9 * median / vertices},
-                        {"floor_ms", 1e3 * floor},
-                        {"floor_share_percent", 100 * floor / median}});
+                        {"floor_ms", on_cpu ? Cell(1e3 * floor) : Cell()},
+                        {"floor_share_percent", on_cpu ? Cell(100 * floor / median) : Cell()}});
+      if (!on_cpu) continue;
       const auto index = static_cast<double>(panel.names.size());
       panel.names.push_back(fmt::format("{}, method {}", row.model, row.method));
       if (row.hd7970_ms) panel.series[0].points.emplace_back(index, *row.hd7970_ms);
@@ -119,6 +158,10 @@ Report bench_table2(const BenchOptions& options) {
   report.notes = {
       "HD 7970, W8000: milliseconds of the paper's graphics cards, as printed there; method 4 is not of the paper.",
       "floor: the larger of bytes over bandwidth and operations over the peak of the arithmetic."};
+  for (const Device& device : devices) {
+    report.notes.push_back(fmt::format("{}: {}, driver {}; time of its kernels by its own clock.", device.name,
+                                       device.version, device.driver));
+  }
   return report;
 }
 

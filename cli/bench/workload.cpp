@@ -85,8 +85,20 @@ SolverRun::SolverRun(const Workload& workload, const SolverOptions& options)
     : workload_(workload),
       solver_(make_openmp_solver(*workload.groom, workload.plan(), workload.input(0).head.back(), options)) {}
 
+SolverRun::SolverRun(const Workload& workload, const Device& device, const OpenCLOptions& options)
+    : workload_(workload) {
+  auto solver = make_opencl_solver(*workload.groom, workload.plan(), workload.input(0).head.back(), device, options);
+  on_device_ = solver.get();
+  solver_ = std::move(solver);
+}
+
 double SolverRun::frame() {
   const FrameInput input = workload_.input(++frame_);
+  if (on_device_ != nullptr) {
+    const double before = on_device_->kernel_seconds();
+    solver_->advance(input);
+    return on_device_->kernel_seconds() - before;
+  }
   const auto start = Clock::now();
   solver_->advance(input);
   return seconds_since(start);

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "cli/bench/timing.h"
+#include "gpu/opencl_solver.h"
 #include "sim/frame_input.h"
 #include "sim/groom.h"
 #include "sim/plan.h"
@@ -34,8 +35,9 @@ Groom thinned(const Groom& groom, double share);
 class SolverRun {
  public:
   SolverRun(const Workload& workload, const SolverOptions& options);
+  SolverRun(const Workload& workload, const Device& device, const OpenCLOptions& options);
 
-  // Advances by one frame; the seconds that Solver::advance took.
+  // Advances by one frame; the seconds that Solver::advance took, or the device's kernels by its own clock.
   double frame();
   // As many frames as take about `seconds`, each a sample, after one that does not count.
   Turn turn(double seconds);
@@ -44,6 +46,7 @@ class SolverRun {
  private:
   Workload workload_;
   std::unique_ptr<Solver> solver_;
+  const OpenCLSolver* on_device_ = nullptr;
   int frame_ = 0;
 };
 

@@ -23,7 +23,7 @@ struct Benchmark {
 constexpr std::array<Benchmark, 5> kBenchmarks = {
     {{"table2", "The paper's Table 2 on this processor, with the paper's figures beside", bench_table2},
      {"passes", "What each pass of the solver costs, alone and on top of the others", bench_passes},
-     {"scaling", "How time grows with strands, vertices, threads, substeps and lanes", bench_scaling},
+     {"scaling", "How time grows with strands, vertices, threads, substeps, lanes and regions", bench_scaling},
      {"bake", "Bakes from end to end, beside their solver alone and their disk alone", bench_bake},
      {"features", "What each thing that a scene asks for costs, on and off", bench_features}}};
 
@@ -83,11 +83,13 @@ Verb add_bench(CLI::App& app) {
         ->type_name("FOLDER")
         ->check(CLI::ExistingDirectory);
   }
-  app.get_subcommand("table2")
-      ->add_option("--device", options->bench.devices,
-                   "Also run on this OpenCL device, in each mapping; may be given more than once")
-      ->type_name("N")
-      ->check(CLI::NonNegativeNumber);
+  for (const char* const with_devices : {"table2", "scaling"}) {
+    app.get_subcommand(with_devices)
+        ->add_option("--device", options->bench.devices,
+                     "Also run on this OpenCL device: each mapping of table2, the regions of scaling")
+        ->type_name("N")
+        ->check(CLI::NonNegativeNumber);
+  }
   return [options, &app]() -> int {
     const std::string name = app.get_subcommands().front()->get_name();
     for (const Benchmark& benchmark : kBenchmarks) {

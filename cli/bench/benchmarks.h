@@ -13,7 +13,7 @@ struct BenchOptions {
   int threads = 1;
   double share = 1;              // of the strands of each groom that are used, above 0
   std::filesystem::path folder;  // for scenes and caches of bakes
-  std::vector<int> devices;      // of OpenCL, beside the CPU; table2
+  std::vector<int> devices;      // of OpenCL, beside the CPU; table2 and scaling
   std::filesystem::path program_cache;
 };
 

@@ -1,4 +1,4 @@
-// How the time of a frame grows with strands, vertices, threads, substeps and lanes.
+// How the time of a frame grows with strands, vertices, threads, substeps, lanes and regions.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -19,6 +19,7 @@ struct Point {
   double value;  // of what is swept
   Workload workload;
   SolverOptions solver;
+  const Device* device = nullptr;  // none: the CPU
 };
 
 Workload workload_of(std::shared_ptr<const Groom> groom, int method, int substeps = 1) {
@@ -39,24 +40,39 @@ class Scaling {
   explicit Scaling(const BenchOptions& options) : options_(options) {
     report.benchmark = "scaling";
     report.what =
-        "growth with strands, vertices, threads, substeps and lanes: 4 iterations of local shape, 3 of edge lengths, "
+        "growth with strands, vertices, threads, substeps, lanes and regions: 4 iterations of local shape, 3 of edge "
+        "lengths, "
         "3 spheres, float";
-    report.table.columns = {{"sweep", "sweep"},       {"method", "method"},
-                            {"strands", "strands"},   {"vertices", "vertices/strand"},
-                            {"threads", "threads"},   {"substeps", "substeps"},
-                            {"lanes", "lanes"},       {"median_ms", "median [ms]"},
-                            {"best_ms", "best [ms]"}, {"ns_per_vertex", "ns/vertex"},
-                            {"ratio", "ratio"},       {"floor_share_percent", "floor [%]"}};
+    report.table.columns = {{"sweep", "sweep"},
+                            {"method", "method"},
+                            {"strands", "strands"},
+                            {"vertices", "vertices/strand"},
+                            {"regions", "regions"},
+                            {"threads", "threads"},
+                            {"substeps", "substeps"},
+                            {"lanes", "lanes"},
+                            {"median_ms", "median [ms]"},
+                            {"best_ms", "best [ms]"},
+                            {"ns_per_vertex", "ns/vertex"},
+                            {"ratio", "ratio"},
+                            {"floor_share_percent", "floor [%]"}};
   }
 
   // Points of one method take turns; `ratio` gets all times of them [s].
   using Ratio = double (*)(const std::vector<Point>& points, const std::vector<Timing>& timings, std::size_t k);
-  Series run(const char* sweep, int method, const std::vector<Point>& points, Ratio ratio, const Effort& effort,
+  Series run(const std::string& sweep, int method, const std::vector<Point>& points, Ratio ratio, const Effort& effort,
              bool plot_ratio) {
     std::vector<std::unique_ptr<SolverRun>> runs;
     std::vector<Turn> turns;
     for (const Point& point : points) {
-      runs.push_back(std::make_unique<SolverRun>(point.workload, point.solver));
+      if (point.device != nullptr) {
+        OpenCLOptions opencl;
+        opencl.threads = point.solver.threads;
+        opencl.program_cache = options_.program_cache;
+        runs.push_back(std::make_unique<SolverRun>(point.workload, *point.device, opencl));
+      } else {
+        runs.push_back(std::make_unique<SolverRun>(point.workload, point.solver));
+      }
       turns.push_back(runs.back()->turn(options_.quick ? 0.003 : 0.01));
     }
     const std::vector<Timing> timings = take_turns(turns, effort);
@@ -69,18 +85,20 @@ class Scaling {
       const double floor = floor_seconds(work_of(points[k].workload), vertices, substeps, Precision::Float,
                                          probes(points[k].solver.threads));
       const double value = ratio(points, timings, k);
-      report.table.add({{"sweep", sweep},
-                        {"method", static_cast<double>(method)},
-                        {"strands", static_cast<double>(groom.strand_count())},
-                        {"vertices", vertices / static_cast<double>(groom.strand_count())},
-                        {"threads", static_cast<double>(points[k].solver.threads)},
-                        {"substeps", static_cast<double>(substeps)},
-                        {"lanes", static_cast<double>(points[k].solver.lanes)},
-                        {"median_ms", 1e3 * timings[k].median},
-                        {"best_ms", 1e3 * timings[k].best},
-                        {"ns_per_vertex", ns},
-                        {"ratio", value},
-                        {"floor_share_percent", 100 * floor / timings[k].median}});
+      report.table.add(
+          {{"sweep", sweep},
+           {"method", static_cast<double>(method)},
+           {"strands", static_cast<double>(groom.strand_count())},
+           {"vertices", vertices / static_cast<double>(groom.strand_count())},
+           {"regions", static_cast<double>(points[k].workload.regions)},
+           {"threads", static_cast<double>(points[k].solver.threads)},
+           {"substeps", static_cast<double>(substeps)},
+           {"lanes", static_cast<double>(points[k].solver.lanes)},
+           {"median_ms", 1e3 * timings[k].median},
+           {"best_ms", 1e3 * timings[k].best},
+           {"ns_per_vertex", ns},
+           {"ratio", value},
+           {"floor_share_percent", points[k].device == nullptr ? Cell(100 * floor / timings[k].median) : Cell()}});
       series.points.emplace_back(points[k].value, plot_ratio ? value : ns);
     }
     return series;
@@ -213,12 +231,41 @@ Report bench_scaling(const BenchOptions& options) {
   }
   scaling.panel("Lanes (model 1)", {"floats in a vector"}, {"times as fast as the narrowest"}, lines);
 
+  // The paper's claim: the number of regions does not matter.
+  std::vector<std::shared_ptr<const Groom>> dealt_out;
+  const std::vector<int> region_counts = quick ? std::vector{1, 64} : std::vector{1, 4, 16, 64};
+  for (const int regions : region_counts) {
+    Groom groom = *model1;
+    groom.region.resize(groom.strand_count());
+    for (std::size_t s = 0; s < groom.region.size(); ++s) {
+      groom.region[s] = static_cast<std::uint32_t>(s % static_cast<std::size_t>(regions));
+    }
+    dealt_out.push_back(std::make_shared<const Groom>(std::move(groom)));
+  }
+  const auto with_regions = [&](int method, const Device* device) {
+    points.clear();
+    for (std::size_t k = 0; k < dealt_out.size(); ++k) {
+      Point point{static_cast<double>(region_counts[k]), workload_of(dealt_out[k], method), all, device};
+      point.workload.regions = region_counts[k];
+      points.push_back(point);
+    }
+    return scaling.run(device == nullptr ? "regions" : "regions on " + device->name, method, points, over_least, effort,
+                       true);
+  };
+  lines.clear();
+  for (const int method : {1, 3}) lines.push_back(with_regions(method, nullptr));
+  scaling.panel("Regions (model 1)", {"regions (log)", true}, {"time over the least"}, lines);
+  for (const int number : options.devices) {
+    const Device device = find_device(number);
+    for (const int method : {1, 3}) with_regions(method, &device);
+  }
+
   scaling.report.figure.title = "Growth";
   scaling.report.figure.note = fmt::format("{} threads where they are not what grows; float", options.threads);
-  scaling.report.notes = {
-      "ns/vertex: of a substep, all threads together.",
-      "ratio: strands, vertices: time per vertex over the least of the sweep; threads, lanes: times as fast as the "
-      "first; substeps: time over that of as many frames of one substep."};
+  scaling.report.notes = {"ns/vertex: of a substep, all threads together.",
+                          "ratio: strands, vertices, regions: time per vertex over the least of the sweep; threads, "
+                          "lanes: times as fast as the "
+                          "first; substeps: time over that of as many frames of one substep."};
   return scaling.report;
 }
 

@@ -34,14 +34,16 @@ const std::array<Sphere, 8>& sphere_places() {
 }  // namespace
 
 Plan Workload::plan() const {
-  return {{plan_region(std::span(&params, 1), windy())}};
+  Plan plan;
+  plan.regions.assign(static_cast<std::size_t>(regions), plan_region(std::span(&params, 1), windy()));
+  return plan;
 }
 
 FrameInput Workload::input(int frame) const {
   FrameInput input;
   input.substep = 1 / (kFps * substeps);
   input.gravity = {0, -9.81, 0};
-  input.regions = {params};
+  input.regions.assign(static_cast<std::size_t>(regions), params);
   for (int s = 1; s <= substeps; ++s) {
     const double now = frame - 1 + static_cast<double>(s) / substeps;
     input.head.push_back(head_at(now));

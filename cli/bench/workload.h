@@ -16,6 +16,7 @@ struct Workload {
   std::shared_ptr<const Groom> groom;
   RegionParams params;
   WindParams wind;  // zero: no wind
+  int regions = 1;  // with the same parameters, strands dealt out to them in turn
   int spheres = 0;  // the head first, then others within the hair
   int substeps = 1;
 

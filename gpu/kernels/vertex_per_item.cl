@@ -128,11 +128,10 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
       Frame root;
       root.x = turn_with(head, read3(rest_frame, 0));
       root.y = turn_with(head, read3(rest_frame, 1));
-      if (row == 0 && counts[kLocalShape]) {
+      if (row == 0 && counts[kLocalShape]) {  // which reads it in the first batch; others do after a barrier
         NAME(write_shared)(frame_x, 1, root.x);
         NAME(write_shared)(frame_y, 1, root.y);
       }
-      SHARED_BARRIER;
 #endif
       const int iterations = counts[kLocalShape] ? counts[kLocalIterations] : 0;
       for (int iteration = 0; iteration < iterations; ++iteration) {

@@ -1,0 +1,127 @@
+// The least hair that takes every path of the OpenCL program, for tools that watch a program run and take their time:
+//   gpu_sample SOURCE strands|vertices [LOCAL_MEMORY [GROUP]]
+// runs the program text of the file SOURCE on device 0 as if that had so many bytes of local memory and work-items in a
+// group, prints what ran as JSON, and returns 1 where bits are not those of the CPU.
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+#include "gpu/opencl_solver.h"
+#include "gpu/program.h"
+#include "tests/sim/harness.h"
+
+namespace strandbake {
+
+// In place of the text that the library holds.
+static char source_text[1 << 20];
+const char* const kProgramSource = source_text;
+
+namespace {
+
+using namespace harness;
+
+// The last local method that a scene may ask for.
+struct LastMethod {
+  int last = 0;
+  void operator()(std::string_view name, int&, const Range& range, const char*, const char*) {
+    if (name == "method") last = static_cast<int>(range.high);
+  }
+  template <class T, class Allowed>
+  void operator()(std::string_view, T&, const Allowed&, const char*, const char*) {}
+};
+int last_method() {
+  LastMethod visitor;
+  LocalShapeParams params;
+  fields(visitor, params);
+  return visitor.last;
+}
+
+// A region without local shape, one for each method, and one that rides on the head.
+Shot sample_shot() {
+  const int simulated = 1 + last_method();
+  Shot shot;
+  Random random(5);
+  for (int r = 0; r <= simulated; ++r) {
+    // Two of a length, two of different ones, and the longest with a pinned tip.
+    for (const std::size_t vertices : {2u, 3u, 5u, 5u, 9u}) {
+      if (r == simulated && vertices != 3) continue;
+      add_strand(shot.groom, rambling(random, vertices, 0.1 * random.direction()));
+      shot.groom.region.push_back(static_cast<std::uint32_t>(r));
+    }
+    if (r < simulated) pin(shot.groom, shot.groom.strand_count() - 1, 8);
+  }
+  shot.regions_at = [=](int) {
+    std::vector<RegionParams> regions(static_cast<std::size_t>(simulated) + 1);
+    for (int r = 0; r < simulated; ++r) {
+      RegionParams& region = regions[static_cast<std::size_t>(r)];
+      region.local = r == 0 ? LocalShapeParams{0, 0, 1} : LocalShapeParams{0.4, 2, r};
+      region.global = {0.1, 0.5, 1};
+    }
+    regions.back().simulate = false;
+    return regions;
+  };
+  shot.wind = {{4, 0, 1}, 0.5, 0.2};
+  shot.head = dance;
+  shot.spheres = [](double time) {
+    return std::vector<Sphere>{{dance(time) * Vector3d(0, -0.05, 0), 0.09}, {{0.1, 0, 0}, 0.05}};
+  };
+  shot.substeps_at = [](int frame) { return 3 - frame; };  // an odd number ends with positions in the other place
+  shot.fps = 24;
+  shot.frames = 2;
+  return shot;
+}
+
+int sample(int argc, char** argv) {
+  if (argc < 3) {
+    std::fputs("usage: gpu_sample SOURCE strands|vertices [LOCAL_MEMORY [GROUP]]\n", stderr);
+    return 2;
+  }
+  std::ifstream file(argv[1], std::ios::binary);
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  if (text.empty() || text.size() >= sizeof source_text) {
+    std::fprintf(stderr, "gpu_sample: %s cannot be read\n", argv[1]);
+    return 2;
+  }
+  std::memcpy(source_text, text.c_str(), text.size() + 1);
+  const bool by_vertices = std::strcmp(argv[2], "vertices") == 0;
+  Device device = find_device(0);
+  if (argc > 3) device.local_memory = std::strtoull(argv[3], nullptr, 10);
+  if (argc > 4) device.largest_group = std::strtoull(argv[4], nullptr, 10);
+
+  const Shot shot = sample_shot();
+  const auto solver = make_opencl_solver(shot.groom, plan_of(shot), shot.head(0), device,
+                                         {.mapping = by_vertices ? Mapping::Vertices : Mapping::Strands});
+  std::vector<Points> taken(1, Points(shot.groom.vertex_count()));
+  solver->read(taken[0]);
+  std::vector<Eigen::Vector3f> out(shot.groom.vertex_count());
+  for (int frame = 1; frame <= shot.frames; ++frame) {
+    solver->advance(frame_input(shot, frame), out, {});
+    taken.emplace_back();
+    for (const Eigen::Vector3f& v : out) taken.back().push_back(v.cast<double>());
+  }
+  const std::vector<Points> expected = run(shot, SolverOptions{});
+  bool same = true;
+  for (std::size_t frame = 0; frame < taken.size(); ++frame) same &= same_bits(taken[frame], expected[frame]);
+  const OpenCLReport report = solver->report();
+  std::printf(
+      "{\"device\": \"%s\", \"same\": %s, \"strands_in_a_block\": %d, \"group\": %zu, \"strand_blocks\": %zu, "
+      "\"vertex_blocks\": %zu, \"long_blocks\": %zu}\n",
+      device.name.c_str(), same ? "true" : "false", report.strands_in_a_block, report.group_items, report.strand_blocks,
+      report.vertex_blocks, report.long_blocks);
+  return same ? 0 : 1;
+}
+
+}  // namespace
+}  // namespace strandbake
+
+int main(int argc, char** argv) {
+  try {
+    return strandbake::sample(argc, argv);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "gpu_sample: %s\n", e.what());
+    return 3;
+  }
+}

@@ -5,6 +5,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 scripts/install-packages.sh test
+scripts/intel-opencl.sh build/intel-opencl
 jobs=$(nproc)
 step() { printf '\n== %s (%s s)\n' "$1" "$SECONDS"; }
 configure() {

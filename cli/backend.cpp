@@ -3,7 +3,10 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdlib>
+
+#include "cli/console.h"
 
 namespace strandbake {
 namespace {
@@ -34,13 +37,22 @@ void BackendOptions::add_to(CLI::App& app) {
       ->transform(CLI::AsSizeValue(false));
 }
 
+std::string BackendOptions::misuse() const {
+  if (backend == "opencl") return {};
+  const char* const option = device >= 0          ? "--device"
+                             : mapping != "auto"  ? "--mapping"
+                             : device_memory != 0 ? "--device-memory"
+                                                  : nullptr;
+  return option == nullptr ? "" : fmt::format("{} is for OpenCL's devices; it wants --backend opencl", option);
+}
+
 Precision precision_of(const Scene& scene) {
   return scene.solver.precision == "double" ? Precision::Double : Precision::Float;
 }
 
-double vertex_substeps(const Shot& shot) {
+double vertex_substeps(const Shot& shot, int last_frame) {
   const Scene& scene = shot.scene;
-  const double frames = static_cast<double>(scene.last_frame) - scene.first_frame + scene.bake.preroll;
+  const double frames = static_cast<double>(last_frame) - scene.first_frame + scene.bake.preroll;
   return static_cast<double>(shot.groom.vertex_count()) * frames * scene.bake.substeps;
 }
 
@@ -48,10 +60,11 @@ Backend choose_backend(const BackendOptions& options, Precision precision, doubl
   Backend backend;
   if (options.backend == "opencl") {
     backend.device = find_device(std::max(options.device, 0));
-  } else if (options.device >= 0) {
-    throw DeviceError("--device chooses among OpenCL's devices; it wants --backend opencl");
   } else if (options.backend == "auto" && vertex_substeps >= kWorthADevice) {
-    if (const int gpu = find_exact_gpu(precision == Precision::Double); gpu >= 0) backend.device = find_device(gpu);
+    if (const int gpu = find_exact_gpu(precision == Precision::Double); gpu >= 0) {
+      backend.device = find_device(gpu);
+      backend.is_automatic = true;
+    }
   }
   backend.opencl.mapping = options.mapping == "strands"    ? Mapping::Strands
                            : options.mapping == "vertices" ? Mapping::Vertices
@@ -71,7 +84,7 @@ std::string describe_backend(const Backend& backend, const SolverOptions& option
                      exact ? "" : "; its division and square root are not exact, so bytes differ from the CPU's");
 }
 
-std::unique_ptr<Solver> make_solver(const Backend& backend, const Groom& groom, const Plan& plan,
+std::unique_ptr<Solver> make_solver(Backend& backend, const Groom& groom, const Plan& plan,
                                     const Eigen::Isometry3d& head, const SolverOptions& options) {
   if (!backend.device) return make_openmp_solver(groom, plan, head, options);
   OpenCLOptions opencl = backend.opencl;
@@ -79,7 +92,14 @@ std::unique_ptr<Solver> make_solver(const Backend& backend, const Groom& groom, 
   opencl.threads = options.threads;
   opencl.skip = options.skip;
   opencl.program_cache = program_cache_folder();
-  return make_opencl_solver(groom, plan, head, *backend.device, opencl);
+  try {
+    return make_opencl_solver(groom, plan, head, *backend.device, opencl);
+  } catch (const DeviceError& error) {
+    if (!backend.is_automatic) throw;
+    print_warning(fmt::format("{}; the CPU bakes", error.what()));
+    backend.device.reset();
+    return make_openmp_solver(groom, plan, head, options);
+  }
 }
 
 std::filesystem::path program_cache_folder() {

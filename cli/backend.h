@@ -23,24 +23,28 @@ struct BackendOptions {
   std::string mapping = "auto";
   std::uint64_t device_memory = 0;  // [bytes]
   void add_to(CLI::App& app);
+  // What makes no sense about them, a sentence; empty: nothing.
+  std::string misuse() const;
 };
 
 struct Backend {
   std::optional<Device> device;  // none: the CPU
+  bool is_automatic = false;     // nobody has asked for the device: where it fails to start, the CPU will do
   OpenCLOptions opencl;
 };
 
 Precision precision_of(const Scene& scene);
-// How much there is to do: vertices times substeps, of all frames.
-double vertex_substeps(const Shot& shot);
+// How much there is to do up to a frame: vertices times substeps.
+double vertex_substeps(const Shot& shot, int last_frame);
 
-// `vertex_substeps`: of the whole bake. Throws DeviceError where what is asked for cannot be had.
+// Throws DeviceError where what is asked for cannot be had.
 Backend choose_backend(const BackendOptions& options, Precision precision, double vertex_substeps);
 
 // "openmp, float, 2 threads"
 std::string describe_backend(const Backend& backend, const SolverOptions& options);
 
-std::unique_ptr<Solver> make_solver(const Backend& backend, const Groom& groom, const Plan& plan,
+// Turns `backend` to the CPU, with a warning, where a device that nobody asked for fails to start.
+std::unique_ptr<Solver> make_solver(Backend& backend, const Groom& groom, const Plan& plan,
                                     const Eigen::Isometry3d& head, const SolverOptions& options);
 
 // Where built OpenCL programs are kept for the next run: $XDG_CACHE_HOME/strandbake/opencl or

@@ -135,7 +135,7 @@ class Bake {
   // Called when a frame is in the file.
   using OnFrame = std::function<void(int frame, const FrameStats& stats)>;
 
-  Bake(Shot shot, const BakeOptions& options, const Backend& backend, std::pair<int, int> written, OnFrame on_frame)
+  Bake(Shot shot, const BakeOptions& options, Backend& backend, std::pair<int, int> written, OnFrame on_frame)
       : shot_(std::move(shot)),
         written_(written),
         threads_(options.threads),
@@ -158,6 +158,7 @@ class Bake {
     solver.lanes = options.lanes;
     solver.skip = skip_all_but(options.no_skip);
     solver_ = make_solver(backend, shot_.groom, shot_.plan, shot_.head(shot_.scene.first_frame), solver);
+    made_by_ = describe_backend(backend, solver);
     if (stats_) {
       rest_length_ = rest_lengths(shot_.groom);
       pinned_ = pinned_vertices(shot_.groom);
@@ -171,6 +172,8 @@ class Bake {
   const Scene& scene() const { return shot_.scene; }
   std::size_t vertex_count() const { return vertex_count_; }
   WorkCount work_count() const { return solver_->work(); }
+  // The solver in words.
+  const std::string& made_by() const { return made_by_; }
   int first_simulated() const { return scene().first_frame - scene().bake.preroll; }
 
   // Simulates `frame`, which follows the one of the last call, and meanwhile writes that one. Frames that nobody asked
@@ -290,8 +293,8 @@ class Bake {
   bool stats_;
   std::size_t vertex_count_;
   OnFrame on_frame_;
-  std::unique_ptr<Solver> solver_;
   std::optional<CacheWriter> writer_;
+  std::string made_by_;
   std::optional<FrameInput> next_input_;
   std::vector<float> rest_length_;
   std::vector<std::uint8_t> pinned_;
@@ -300,11 +303,13 @@ class Bake {
   std::vector<Sphere> spheres_;        // of that frame
   std::atomic<std::size_t> measured_ = 0;
   std::mutex stats_mutex_;
+  std::unique_ptr<Solver> solver_;  // last: a device may still write positions when a bake fails
 };
 
 int run_bake(BakeOptions options) {
   const Events events(options.json);
   const auto start = Clock::now();
+  if (const std::string misuse = options.backend.misuse(); !misuse.empty()) return events.failed(kUsage, misuse);
   Faults faults;
   Warnings warnings;
   Scene scene = read_scene(options.scene.scene, options.scene.overrides, options.scene.search, faults);
@@ -329,7 +334,7 @@ int run_bake(BakeOptions options) {
   if (options.threads == 0) options.threads = default_threads(shot.groom.vertex_count());
   if (options.output.empty()) options.output = options.scene.scene.stem().string() + ".h5";
 
-  const Backend backend = choose_backend(options.backend, precision_of(shot.scene), vertex_substeps(shot));
+  Backend backend = choose_backend(options.backend, precision_of(shot.scene), vertex_substeps(shot, written.second));
   if (options.dry_run) {
     fmt::print("{}", describe_plan(shot, written, backend, options.threads));
     return kGood;
@@ -367,6 +372,7 @@ int run_bake(BakeOptions options) {
                {"last_frame", written.second},
                {"simulated_from", first},
                {"vertices", bake.vertex_count()},
+               {"solver", bake.made_by()},
                {"threads", options.threads}});
   if (written.first > bake.scene().first_frame && !options.quiet && !options.json) {
     fmt::print(stderr, "simulating frames {} to {} first: frame {} grows out of them\n", bake.scene().first_frame,
@@ -424,6 +430,7 @@ int run_bake(BakeOptions options) {
     const int frames = written.second - written.first + 1;
     fmt::print("{}: {} frame{}, {} vertices, {}, {}\n", options.output.string(), frames, frames == 1 ? "" : "s",
                bake.vertex_count(), human_bytes(static_cast<double>(bytes)), human_seconds(elapsed));
+    if (backend.device) fmt::print("solved by {}\n", bake.made_by());
     if (const std::string skipped = describe_skipped(work); !skipped.empty()) fmt::print("{}\n", skipped);
   }
   return kGood;

@@ -16,6 +16,10 @@ Verb add_check(CLI::App& app) {
   auto backend = std::make_shared<BackendOptions>();
   backend->add_to(app);
   return [options, backend] {
+    if (const std::string misuse = backend->misuse(); !misuse.empty()) {
+      print_error(misuse);
+      return static_cast<int>(kUsage);
+    }
     Faults faults;
     Warnings warnings;
     Scene scene = read_scene(options->scene, options->overrides, options->search, faults);
@@ -26,7 +30,8 @@ Verb add_check(CLI::App& app) {
       return static_cast<int>(kInput);
     }
     fmt::print("{}", describe_plan(shot, {shot.scene.first_frame, shot.scene.last_frame},
-                                   choose_backend(*backend, precision_of(shot.scene), vertex_substeps(shot)),
+                                   choose_backend(*backend, precision_of(shot.scene),
+                                                  vertex_substeps(shot, shot.scene.last_frame)),
                                    default_threads(shot.groom.vertex_count())));
     return static_cast<int>(kGood);
   };

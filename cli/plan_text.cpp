@@ -45,10 +45,11 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, const B
                      ? "skipped, there is no animation: the head stands still"
                      : fmt::format("node \"{}\" of {}, clip \"{}\", {:.3g} s", scene.head.node, scene.head.animation,
                                    shot.animation.clip, shot.animation.duration));
-  line("collisions", scene.colliders.empty()
-                         ? "skipped, there are no colliders"
-                         : fmt::format("runs, {} sphere{}, each where strands are in its reach", scene.colliders.size(),
-                                       scene.colliders.size() == 1 ? "" : "s"));
+  line("collisions",
+       scene.colliders.empty()
+           ? "skipped, there are no colliders"
+           : fmt::format("runs, {} sphere{}{}", scene.colliders.size(), scene.colliders.size() == 1 ? "" : "s",
+                         backend.device ? "" : ", each where strands are in its reach"));
 
   for (std::size_t r = 0; r < scene.regions.size(); ++r) {
     std::size_t strands = 0, vertices = 0;
@@ -67,6 +68,10 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, const B
     line("global shape", global_shape(shot.plan.regions[r], params[r]));
     line("local shape", local_shape(shot.plan.regions[r], params[r]));
     line("edge lengths", edge_lengths(shot.plan.regions[r], params[r]));
+    if (backend.device) {
+      const Mapping mapping = mapping_of(shot.plan.regions[r], backend.opencl.mapping, shot.groom.strand_count());
+      line("mapping", mapping == Mapping::Strands ? "a strand per work-item" : "a vertex per work-item");
+    }
   }
   const auto frames = static_cast<double>(written.second) - written.first + 1;
   const double frame_bytes = 12.0 * static_cast<double>(shot.groom.vertex_count());
@@ -79,7 +84,7 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, const B
   solver.precision = precision_of(scene);
   solver.threads = threads;
   line("solver", describe_backend(backend, solver));
-  line("at rest", "strands are skipped while nothing about them changes");
+  if (!backend.device) line("at rest", "strands are skipped while nothing about them changes");
   const int arrays = scene.cache.velocity ? 2 : 1;
   line("velocity", scene.cache.velocity ? "written" : "skipped, cache.velocity = false");
   line("stats", scene.cache.stats ? "written" : "skipped, cache.stats = false");

@@ -1,15 +1,17 @@
 #include "gpu/devices.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <system_error>
 
 namespace strandbake {
 namespace {
 
+// 0 where the device does not answer: drivers of devices without double precision may not.
 template <class T>
 T number(cl_device_id device, cl_device_info what) {
   T value{};
-  check_opencl(opencl().GetDeviceInfo(device, what, sizeof value, &value, nullptr), "tell about itself");
+  if (opencl().GetDeviceInfo(device, what, sizeof value, &value, nullptr) != CL_SUCCESS) return T{};
   return value;
 }
 
@@ -45,11 +47,11 @@ Device describe(cl_platform_id platform, cl_device_id id) {
   device.driver = text(id, CL_DRIVER_VERSION);
   const auto type = number<cl_device_type>(id, CL_DEVICE_TYPE);
   device.is_gpu = (type & CL_DEVICE_TYPE_GPU) != 0;
-  device.shares_memory = number<cl_bool>(id, CL_DEVICE_HOST_UNIFIED_MEMORY) != 0;
-  // A CPU divides exactly in hardware, whether its driver says so or not.
-  device.exact_float =
-      (number<cl_device_fp_config>(id, CL_DEVICE_SINGLE_FP_CONFIG) & CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT) != 0 ||
-      (type & CL_DEVICE_TYPE_CPU) != 0;
+  // All that the CPU's bytes rest on. A CPU divides exactly, whether its driver says so or not.
+  constexpr cl_device_fp_config kExact =
+      CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT | CL_FP_DENORM | CL_FP_INF_NAN | CL_FP_ROUND_TO_NEAREST;
+  device.exact_float = (number<cl_device_fp_config>(id, CL_DEVICE_SINGLE_FP_CONFIG) & kExact) == kExact ||
+                       (type & CL_DEVICE_TYPE_CPU) != 0;
   device.exact_double = number<cl_device_fp_config>(id, CL_DEVICE_DOUBLE_FP_CONFIG) != 0;
   device.memory = number<cl_ulong>(id, CL_DEVICE_GLOBAL_MEM_SIZE);
   device.largest_buffer = number<cl_ulong>(id, CL_DEVICE_MAX_MEM_ALLOC_SIZE);
@@ -72,7 +74,13 @@ std::vector<Device> list_devices() {
     if (cl.GetDeviceIDs(platform, CL_DEVICE_TYPE_ALL, 0, nullptr, &count) != CL_SUCCESS || count == 0) continue;
     std::vector<cl_device_id> ids(count);
     check_opencl(cl.GetDeviceIDs(platform, CL_DEVICE_TYPE_ALL, count, ids.data(), nullptr), "list its devices");
-    for (cl_device_id id : ids) devices.push_back(describe(platform, id));
+    for (cl_device_id id : ids) {
+      try {
+        devices.push_back(describe(platform, id));
+      } catch (const DeviceError&) {
+        // One that cannot say what it is must not hide the others.
+      }
+    }
   }
   return devices;
 }

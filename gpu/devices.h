@@ -14,7 +14,6 @@ struct Device {
   cl_device_id id = nullptr;
   std::string name, vendor, version, driver, platform_name;  // version: "OpenCL 1.2 ..."
   bool is_gpu = false;
-  bool shares_memory = false;        // with the host
   bool exact_float = false;          // division and square root are rounded right, so bytes are those of the CPU
   bool exact_double = false;         // has double precision (whose division and square root always are)
   std::uint64_t memory = 0;          // [bytes]

@@ -2,6 +2,8 @@
 
 #include <dlfcn.h>
 
+#include <type_traits>
+
 namespace strandbake {
 namespace {
 
@@ -53,6 +55,7 @@ std::string opencl_status_name(cl_int status) {
     CASE(CL_INVALID_WORK_GROUP_SIZE)
     CASE(CL_INVALID_BUFFER_SIZE)
     CASE(CL_INVALID_COMMAND_QUEUE)
+    CASE(CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST)
 #undef CASE
     default:
       return "OpenCL error " + std::to_string(status);

@@ -4,8 +4,7 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
-#include <cstring>
+#include <exception>
 #include <map>
 #include <optional>
 #include <set>
@@ -26,14 +25,6 @@ constexpr std::size_t kItemGroup = 64;            // work-items of a group where
 constexpr std::size_t kVertexGroup = 256;         // and, at most, where each has a vertex
 constexpr std::size_t kManyStrands = 8192;        // enough to keep a device busy with a strand per work-item
 constexpr std::size_t kScratchBytes = 64u << 20;  // for strands that are too long for local memory, of one launch
-
-Mapping mapping_of(const RegionPlan& region, Mapping asked, std::size_t strands) {
-  if (!region.simulated) return Mapping::Strands;
-  if (region.local_shape && region.local_method == 1) return Mapping::Strands;
-  if (region.local_shape && region.local_method == 4) return Mapping::Vertices;
-  if (asked != Mapping::Auto) return asked;
-  return strands >= kManyStrands ? Mapping::Strands : Mapping::Vertices;
-}
 
 template <class T>
 struct OpenCLName;
@@ -100,17 +91,30 @@ class Implementation final : public OpenCLSolver {
   double kernel_seconds() const override { return kernel_seconds_; }
 
  private:
+  // Places in a batch are 32-bit numbers.
+  static constexpr std::uint64_t kMostBytes = std::uint64_t{kAbsent} * sizeof(Scalar);
+
   Buffer make_buffer(std::size_t bytes, const void* content, cl_mem_flags flags = CL_MEM_READ_WRITE) const;
   template <class... Arguments>
   void set(const Kernel& kernel, const Arguments&... arguments) const;
   void choose_width(const Groom& groom);
+  std::size_t item_group() const { return std::bit_floor(std::min(kItemGroup, device_.largest_group)); }
   std::size_t group_items() const { return std::bit_floor(std::min(kVertexGroup, device_.largest_group)); }
+  // Does its hair more than ride?
+  bool runs(const RegionPlan& region) const { return region.simulated || !options_.skip.regions; }
   std::string build_options(bool any_masked, bool any_rides) const;
   std::size_t shared_numbers(int method, std::size_t vertices) const {
     return shared_rows(method) * 3 * vertices * static_cast<std::size_t>(strands_->width);
   }
   Launch::Kind kind_of(const Placed<Scalar>& placed) const;
   std::set<std::pair<Launch::Kind, int>> kernels_of_vertices() const;
+  // Where the numbers of a block begin in the state; of the block after the last, where they end.
+  std::size_t block_begin(std::size_t b) const {
+    const auto& blocks = strands_->blocks;
+    return b < blocks.size() ? static_cast<std::size_t>(blocks[b].block.position - host_state_.data()) : numbers_;
+  }
+  std::uint64_t largest_bytes(std::size_t parts) const;
+  void place(const Groom& groom, std::uint64_t budget);
   void cut_into_batches(std::uint64_t budget);
   void make_batch(Batch& batch, const Groom& groom);
   void start(const FrameInput& input);
@@ -121,6 +125,7 @@ class Implementation final : public OpenCLSolver {
   void with_state_on_host(const Work& work) const;
   template <class Out>
   void read_as(std::span<Out> out) const;
+  void run_frame(const FrameInput& input, std::span<Eigen::Vector3f> out, const Alongside& alongside);
   void find_non_finite_in(std::span<const Eigen::Vector3f> positions);
   void count_kernel_time();
 
@@ -149,7 +154,9 @@ class Implementation final : public OpenCLSolver {
   bool swapped_ = false;       // the newest positions stand in Block::previous
   double substep_before_ = 0;  // [s], 0 before the first frame
   std::optional<FrameInput> expected_;
-  bool started_ = false;  // the device is at work on the frame that the next advance() will ask for
+  bool started_ = false;             // the device is at work on the frame that the next advance() will ask for
+  std::exception_ptr next_failure_;  // why it could not begin
+  cl_uint found_not_finite_ = 0;
   std::optional<NonFinite> non_finite_;
   double kernel_seconds_ = 0;
   OpenCLReport report_;
@@ -163,6 +170,7 @@ Buffer Implementation<Scalar>::make_buffer(std::size_t bytes, const void* conten
   if (copies) flags |= CL_MEM_COPY_HOST_PTR;
   Buffer buffer(cl_.CreateBuffer(context_.get(), flags, std::max<std::size_t>(bytes, 1),
                                  copies ? const_cast<void*>(content) : nullptr, &status));
+  if (status == CL_OUT_OF_RESOURCES || status == CL_OUT_OF_HOST_MEMORY) status = CL_MEM_OBJECT_ALLOCATION_FAILURE;
   check_opencl(status, "reserve memory");
   return buffer;
 }
@@ -202,9 +210,9 @@ void Implementation<Scalar>::choose_width(const Groom& groom) {
     longest = std::max(longest, groom.vertex_count(s));
     largest = std::max(largest, shared_rows(method_of(plan_.regions[region])) * 3 * sizeof(Scalar) * longest);
   }
-  std::size_t width = kItemGroup;
+  std::size_t width = item_group();
   if (strands > 0) {
-    width = std::min(std::min(kItemGroup, group_items()),
+    width = std::min(std::min(item_group(), group_items()),
                      std::bit_floor(std::max<std::size_t>(1, group_items() * strands / vertices)));
     if (largest <= device_.local_memory) width = std::min(width, std::bit_floor(device_.local_memory / largest));
   }
@@ -214,12 +222,16 @@ void Implementation<Scalar>::choose_width(const Groom& groom) {
 template <class Scalar>
 std::string Implementation<Scalar>::build_options(bool any_masked, bool any_rides) const {
   std::string options = std::string("-DREAL=") + OpenCLName<Scalar>::value + " -DREAL3=" + OpenCLName<Scalar>::value +
-                        "3 -DWIDTH=" + std::to_string(strands_->width) + " -DITEM_GROUP=" + std::to_string(kItemGroup) +
+                        "3 -DWIDTH=" + std::to_string(strands_->width) +
+                        " -DITEM_GROUP=" + std::to_string(item_group()) +
                         " -DVERTEX_GROUP=" + std::to_string(group_items());
   const auto define = [&](bool condition, const char* name) {
     if (condition) options += std::string(" -D") + name;
   };
-  const auto any = [&](const auto& has) { return std::any_of(plan_.regions.begin(), plan_.regions.end(), has); };
+  const auto any = [&](const auto& has) {
+    return std::any_of(plan_.regions.begin(), plan_.regions.end(),
+                       [&](const RegionPlan& region) { return runs(region) && has(region); });
+  };
   define(any_masked, "HAS_MASKED");
   define(any_rides, "HAS_RIDES");
   define(any([](const RegionPlan& r) { return r.wind; }), "HAS_WIND");
@@ -230,7 +242,7 @@ std::string Implementation<Scalar>::build_options(bool any_masked, bool any_ride
   int method = 0;  // that all regions with a strand per work-item agree on, -1: they do not
   for (std::size_t r = 0; r < plan_.regions.size(); ++r) {
     const RegionPlan& region = plan_.regions[r];
-    if (!region.local_shape || mapping_[r] != Mapping::Strands) continue;
+    if (!runs(region) || !region.local_shape || mapping_[r] != Mapping::Strands) continue;
     method = method == 0 || method == region.local_method ? region.local_method : -1;
   }
   if (method > 0) options += " -DLOCAL_METHOD=" + std::to_string(method);
@@ -263,29 +275,20 @@ std::set<std::pair<Launch::Kind, int>> Implementation<Scalar>::kernels_of_vertic
   return kernels;
 }
 
-// Whole blocks, as many as fit `budget` bytes and the device's largest buffer.
+// Whole blocks, as many as fit `budget` bytes and a buffer of the device, at least one.
 template <class Scalar>
 void Implementation<Scalar>::cut_into_batches(std::uint64_t budget) {
-  batches_.clear();
-  // Places in a batch are 32-bit numbers.
-  const std::uint64_t most = std::min({budget, device_.largest_buffer, std::uint64_t{kAbsent} * sizeof(Scalar)});
+  const std::uint64_t most = std::min({budget, device_.largest_buffer, kMostBytes});
   const std::size_t blocks = strands_->blocks.size();
-  const auto start_of = [&](std::size_t b) {
-    return b < blocks ? static_cast<std::size_t>(strands_->blocks[b].block.position - host_state_.data()) : numbers_;
-  };
   for (std::size_t b = 0; b < blocks;) {
     Batch batch;
     batch.first_block = b;
-    batch.first_number = start_of(b);
-    while (b < blocks && (b == batch.first_block || (start_of(b + 1) - batch.first_number) * sizeof(Scalar) <= most)) {
+    batch.first_number = block_begin(b);
+    do {
       ++b;
-    }
+    } while (b < blocks && (block_begin(b + 1) - batch.first_number) * sizeof(Scalar) <= most);
     batch.block_count = b - batch.first_block;
-    batch.numbers = start_of(b) - batch.first_number;
-    if (batch.numbers * sizeof(Scalar) > device_.largest_buffer) {
-      throw DeviceMemoryError("strands of " + std::to_string(strands_->longest) +
-                              " vertices are too long for the device's largest buffer");
-    }
+    batch.numbers = block_begin(b) - batch.first_number;
     batches_.push_back(std::move(batch));
   }
 }
@@ -347,13 +350,13 @@ void Implementation<Scalar>::make_batch(Batch& batch, const Groom& groom) {
       return x.kind == wanted.kind && x.method == wanted.method && x.size == wanted.size;
     });
     if (bucket == buckets.end()) bucket = buckets.insert(buckets.end(), wanted);
-    // Those that do not fit the scratch memory together run one after the other.
     bucket->capacity = std::max(bucket->capacity, vertices);
     bucket->which.push_back(static_cast<cl_uint>(b));
   }
   batch.blocks = make_buffer(rows.size() * sizeof(BlockRow), rows.data(), CL_MEM_READ_ONLY);
   batch.targets = make_buffer(targets.size() * sizeof(Target), targets.data(), CL_MEM_READ_ONLY);
   for (const Bucket& bucket : buckets) {
+    // Those that do not fit the scratch memory together run one after the other.
     std::size_t at_once = bucket.which.size();
     if (bucket.kind == Launch::Kind::LongVertices) {
       const std::size_t bytes = shared_numbers(bucket.method, bucket.capacity) * sizeof(Scalar);
@@ -384,7 +387,7 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
   if (groom.vertex_count() > kAbsent)
     throw DeviceError("a groom of over 4,294,967,295 vertices needs --backend openmp");
   for (const RegionPlan& region : plan.regions) {
-    mapping_.push_back(mapping_of(region, options.mapping, groom.strand_count()));
+    mapping_.push_back(runs(region) ? mapping_of(region, options.mapping, groom.strand_count()) : Mapping::Strands);
   }
   choose_width(groom);
   strands_.emplace(groom, plan, report_.strands_in_a_block, options.threads, options.skip);
@@ -430,46 +433,67 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
   }
   gather_ = kernel("gather");
 
+  const std::uint64_t largest_block = largest_bytes(strands_->blocks.size());
+  if (largest_block > std::min(device_.largest_buffer, kMostBytes)) {
+    throw DeviceMemoryError("strands of " + std::to_string(strands_->longest) +
+                            " vertices are too long for the device's largest buffer");
+  }
+  // All hair on the device if it fits, else in batches that take turns there, and smaller ones until all fits. Devices
+  // may reserve memory late, so that only trying tells.
+  std::uint64_t budget = options.memory > 0 ? options.memory : device_.memory;
+  report_.streamed = numbers_ * sizeof(Scalar) > budget;
+  for (bool fits = false; !fits;) {
+    try {
+      place(groom, budget);
+      fits = true;
+    } catch (const DeviceMemoryError&) {
+      if (report_.streamed && batches_.size() == strands_->blocks.size()) throw;
+      budget = report_.streamed ? std::min(budget, largest_bytes(batches_.size())) / 2 : budget / 2;
+      report_.streamed = true;
+    }
+  }
+  if (!report_.streamed) host_state_ = {};
+}
+
+// Bytes of the largest batch, or of the largest block where there is a batch for each or none yet.
+template <class Scalar>
+std::uint64_t Implementation<Scalar>::largest_bytes(std::size_t parts) const {
+  std::uint64_t largest = 0;
+  for (std::size_t k = 0; k < parts; ++k) {
+    const std::size_t numbers = batches_.empty() ? block_begin(k + 1) - block_begin(k) : batches_[k].numbers;
+    largest = std::max<std::uint64_t>(largest, numbers * sizeof(Scalar));
+  }
+  return largest;
+}
+
+// Everything that lies on the device. Throws DeviceMemoryError where it does not fit.
+template <class Scalar>
+void Implementation<Scalar>::place(const Groom& groom, std::uint64_t budget) {
+  batches_.clear();
+  streamed_state_ = Buffer();
+  scratch_ = Buffer();
+  report_.strand_blocks = report_.vertex_blocks = report_.long_blocks = 0;
   positions_ = make_buffer(sizeof(Eigen::Vector3f) * groom.vertex_count(), nullptr);
   const cl_uint none = 0;
   not_finite_ = make_buffer(sizeof none, &none);
-
-  // All hair on the device if it fits, else batch after batch.
-  const std::uint64_t budget = options.memory > 0 ? options.memory : device_.memory;
-  try {
-    if (numbers_ * sizeof(Scalar) > budget) throw DeviceMemoryError("the hair is larger than the memory");
-    cut_into_batches(budget);
-    for (Batch& batch : batches_) {
-      batch.state = make_buffer(batch.numbers * sizeof(Scalar), host_state_.data() + batch.first_number);
-    }
-  } catch (const DeviceMemoryError&) {
-    report_.streamed = true;
-    // Devices reserve memory when it is used first, so that only trying tells.
-    for (std::uint64_t part = budget / 2;; part /= 2) {
-      try {
-        cut_into_batches(part);
-        const auto largest = std::max_element(batches_.begin(), batches_.end(),
-                                              [](const Batch& a, const Batch& b) { return a.numbers < b.numbers; });
-        streamed_state_ = make_buffer(largest->numbers * sizeof(Scalar), host_state_.data() + largest->first_number);
-        break;
-      } catch (const DeviceMemoryError&) {
-        if (batches_.size() >= strands_->blocks.size()) throw;
-      }
-    }
-  }
+  cut_into_batches(budget);
+  report_.batches = static_cast<int>(batches_.size());
+  if (report_.streamed) streamed_state_ = make_buffer(largest_bytes(batches_.size()), nullptr);
   std::size_t scratch_bytes = 0;
   for (Batch& batch : batches_) {
+    if (!report_.streamed) {
+      batch.state = make_buffer(batch.numbers * sizeof(Scalar), host_state_.data() + batch.first_number);
+    }
     make_batch(batch, groom);
     for (const Launch& launch : batch.launches) {
       const std::size_t bytes = shared_numbers(launch.method, launch.capacity) * sizeof(Scalar);
       if (launch.kind == Launch::Kind::LongVertices) scratch_bytes = std::max(scratch_bytes, launch.blocks * bytes);
-      if (launch.kind == Launch::Kind::Vertices)
+      if (launch.kind == Launch::Kind::Vertices) {
         report_.local_bytes = std::max<std::uint64_t>(report_.local_bytes, bytes);
+      }
     }
   }
   scratch_ = make_buffer(scratch_bytes, nullptr);
-  if (!report_.streamed) host_state_ = {};
-  report_.batches = static_cast<int>(batches_.size());
 }
 
 template <class Scalar>
@@ -478,7 +502,7 @@ void Implementation<Scalar>::simulate(const Batch& batch, cl_mem state, cl_uint 
   const auto width = static_cast<std::size_t>(strands_->width);
   for (const Launch& launch : batch.launches) {
     const Kernel* kernel = &advance_strands_;
-    std::size_t local = kItemGroup;
+    std::size_t local = item_group();
     std::size_t global = (launch.blocks * width + local - 1) / local * local;
     if (launch.kind == Launch::Kind::Strands) {
       set(*kernel, state, batch.blocks.get(), launch.which.get(), static_cast<cl_uint>(launch.blocks),
@@ -597,9 +621,11 @@ template <class Scalar>
 void Implementation<Scalar>::count_kernel_time() {
   for (const Event& event : finishing_) {
     cl_ulong begin = 0, end = 0;
-    cl_.GetEventProfilingInfo(event.get(), CL_PROFILING_COMMAND_START, sizeof begin, &begin, nullptr);
-    cl_.GetEventProfilingInfo(event.get(), CL_PROFILING_COMMAND_END, sizeof end, &end, nullptr);
-    kernel_seconds_ += 1e-9 * static_cast<double>(end - begin);
+    if (cl_.GetEventProfilingInfo(event.get(), CL_PROFILING_COMMAND_START, sizeof begin, &begin, nullptr) ==
+            CL_SUCCESS &&
+        cl_.GetEventProfilingInfo(event.get(), CL_PROFILING_COMMAND_END, sizeof end, &end, nullptr) == CL_SUCCESS) {
+      kernel_seconds_ += 1e-9 * static_cast<double>(end - begin);
+    }
   }
   finishing_.clear();
 }
@@ -610,6 +636,20 @@ void Implementation<Scalar>::advance(const FrameInput& input, std::span<Eigen::V
   if (!out.empty() && out.size() != offset_.back()) {
     throw std::invalid_argument("positions are asked for in a place that does not hold one for each vertex");
   }
+  try {
+    run_frame(input, out, alongside);
+  } catch (...) {
+    // Nothing may be written to `out` any more, which goes away now.
+    cl_.Finish(compute_.get());
+    cl_.Finish(transfer_.get());
+    throw;
+  }
+}
+
+template <class Scalar>
+void Implementation<Scalar>::run_frame(const FrameInput& input, std::span<Eigen::Vector3f> out,
+                                       const Alongside& alongside) {
+  if (next_failure_) std::rethrow_exception(std::exchange(next_failure_, nullptr));
   if (!started_) start(input);
   started_ = false;
   std::swap(events_, finishing_);
@@ -617,12 +657,22 @@ void Implementation<Scalar>::advance(const FrameInput& input, std::span<Eigen::V
     for (const Batch& batch : batches_) gather(batch, batch.state.get(), swapped_);
   }
   // The flag is read by the queue that computes, so it tells when positions are ready for the other one.
-  cl_uint not_finite = 0;
   cl_event event = nullptr;
-  check_opencl(cl_.EnqueueReadBuffer(compute_.get(), not_finite_.get(), CL_FALSE, 0, sizeof not_finite, &not_finite, 0,
-                                     nullptr, &event),
+  check_opencl(cl_.EnqueueReadBuffer(compute_.get(), not_finite_.get(), CL_FALSE, 0, sizeof found_not_finite_,
+                                     &found_not_finite_, 0, nullptr, &event),
                "hand back data");
   const Event ready(event);
+  check_opencl(cl_.Flush(compute_.get()), "start");
+  // The device goes on with the next frame while the positions of this one travel. What fails there is that frame's.
+  if (expected_ && !report_.streamed) {
+    try {
+      start(*expected_);
+      started_ = true;
+    } catch (...) {
+      next_failure_ = std::current_exception();
+    }
+  }
+  expected_.reset();
   Event here;
   const auto read_positions = [&](std::span<Eigen::Vector3f> to) {
     cl_event done = nullptr;
@@ -633,14 +683,7 @@ void Implementation<Scalar>::advance(const FrameInput& input, std::span<Eigen::V
     here = Event(done);
     check_opencl(cl_.Flush(transfer_.get()), "start");
   };
-  check_opencl(cl_.Flush(compute_.get()), "start");
   if (!out.empty()) read_positions(out);
-  // The device goes on with the next frame while the positions of this one travel.
-  if (expected_ && !report_.streamed) {
-    start(*expected_);
-    started_ = true;
-  }
-  expected_.reset();
 
   FirstException failure;
   if (alongside) {
@@ -653,14 +696,13 @@ void Implementation<Scalar>::advance(const FrameInput& input, std::span<Eigen::V
   cl_event const waited[] = {ready.get(), here.get()};
   check_opencl(cl_.WaitForEvents(here ? 2 : 1, waited), "finish a frame");
   count_kernel_time();
-  if (not_finite != 0) {
+  if (found_not_finite_ != 0) {
     std::vector<Eigen::Vector3f> positions;
     if (out.empty()) {
       positions.resize(offset_.back());
       out = positions;
       read_positions(out);
-      cl_event const read = here.get();
-      check_opencl(cl_.WaitForEvents(1, &read), "finish a frame");
+      check_opencl(cl_.Finish(transfer_.get()), "finish a frame");
     }
     find_non_finite_in(out);
   }
@@ -723,6 +765,13 @@ void Implementation<Scalar>::read_as(std::span<Out> out) const {
 }
 
 }  // namespace
+
+Mapping mapping_of(const RegionPlan& region, Mapping asked, std::size_t strands) {
+  if (region.local_shape && region.local_method == 4) return Mapping::Vertices;
+  if (region.local_shape && region.local_method == 1) return Mapping::Strands;
+  if (asked != Mapping::Auto) return asked;
+  return strands >= kManyStrands ? Mapping::Strands : Mapping::Vertices;
+}
 
 std::unique_ptr<OpenCLSolver> make_opencl_solver(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head,
                                                  const Device& device, const OpenCLOptions& options) {

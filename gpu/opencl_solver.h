@@ -8,6 +8,7 @@
 #include <string>
 
 #include "gpu/devices.h"
+#include "sim/plan.h"
 #include "sim/solver.h"
 
 namespace strandbake {
@@ -18,6 +19,9 @@ enum class Mapping {
   Strands,   // a strand per work-item
   Vertices,  // a block of strands per work-group, a vertex per work-item; the paper's
 };
+
+// What a region runs with, of a groom of so many strands.
+Mapping mapping_of(const RegionPlan& region, Mapping asked, std::size_t strands);
 
 struct OpenCLOptions {
   Precision precision = Precision::Float;

@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "sim/gusts.h"
+#include "sim/parallel.h"
 #include "sim/passes/frame_scan.h"
 #include "sim/passes/local_shape.h"
 #include "sim/passes/stiffness.h"
@@ -161,11 +162,9 @@ StrandBlocks<Scalar>::StrandBlocks(const Groom& groom, const Plan& plan, int str
   }
   // The range of the global shape: the longest reach of any lane.
   const auto block_count = static_cast<std::ptrdiff_t>(blocks.size());
-#pragma omp parallel for num_threads(threads) schedule(dynamic, 64)
-  for (std::ptrdiff_t b = 0; b < block_count; ++b) {
-    Placed<Scalar>& placed = blocks[static_cast<std::size_t>(b)];
+  const auto find_global_end = [&](Placed<Scalar>& placed) {
     const RegionPlan& region = plan.regions[placed.region];
-    if (!region.global_shape || placed.block.rides) continue;
+    if (!region.global_shape || placed.block.rides) return;
     placed.block.global_end = skip.range ? 0 : placed.block.vertices;
     ArcLength arc;
     for (int lane = 0; lane < placed.count && skip.range; ++lane) {
@@ -176,7 +175,13 @@ StrandBlocks<Scalar>::StrandBlocks(const Groom& groom, const Plan& plan, int str
         break;
       }
     }
+  };
+  FirstException failure;
+#pragma omp parallel for num_threads(threads) schedule(dynamic, 64)
+  for (std::ptrdiff_t b = 0; b < block_count; ++b) {
+    failure.guard([&] { find_global_end(blocks[static_cast<std::size_t>(b)]); });
   }
+  failure.rethrow();
 }
 
 template <class Scalar>

@@ -1,4 +1,4 @@
-// Algorithm 1 of the paper with a strand per work-item: the CPU's mapping. Methods 1 to 4; right for many strands. A
+// Algorithm 1 of the paper with a strand per work-item: the CPU's mapping. Methods 1 to 3; right for many strands. A
 // strand's work-item touches no other strand, so there is no barrier.
 //
 // `which`: the blocks to run, WIDTH work-items each.

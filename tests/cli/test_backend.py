@@ -99,12 +99,15 @@ def test_the_plan_names_the_device(scene, device):
         plan = scene.run(*verb, "--backend", "opencl")
         assert plan.code == GOOD
         assert f"opencl on {device['name']}" in plan.out
+        assert plan.out.count("a strand per work-item") == 1 and plan.out.count("a vertex per work-item") == 2
 
 
 def test_devices_that_do_not_exist(scene, device):
     assert_one_error(bake(scene, "--backend", "opencl", "--device", "99", "-o", "x.h5"), DEVICE, "no device 99",
             "strandbake devices")
-    assert_one_error(bake(scene, "--device", "0", "-o", "x.h5"), DEVICE, "--backend opencl")
+    for option in (["--device", "0"], ["--mapping", "strands"], ["--device-memory", "1GB"]):
+        for verb in (["bake", "scene.toml"], ["check", "scene.toml"]):
+            assert_one_error(scene.run(*verb, *option), USAGE, option[0], "--backend opencl")
     assert bake(scene, "--backend", "cuda").code == USAGE
     assert bake(scene, "--backend", "opencl", "--device", "-1").code == USAGE
     assert not (scene / "x.h5").exists() and not (scene / "x.h5.part").exists()

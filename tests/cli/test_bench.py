@@ -14,7 +14,7 @@ SMALL = ["--quick", "--threads", "1", "--share", "0.002"]
 BENCHMARKS = {
     "table2": (["model", "method"], ["median_ms", "best_ms", "ns_per_vertex", "floor_ms", "floor_share_percent"]),
     "passes": (["precision", "pass"], ["floor_ns"]),
-    "scaling": (["sweep", "method", "strands", "vertices", "threads", "substeps", "lanes"],
+    "scaling": (["sweep", "method", "strands", "vertices", "regions", "threads", "substeps", "lanes"],
                 ["median_ms", "best_ms", "ns_per_vertex", "ratio", "floor_share_percent"]),
     "bake": (["scene", "compression"], ["whole_s", "whole_best_s", "before_frames_ms"]),
     "features": (["feature"], ["all_ms", "without_ms", "alone_ms", "bare_ms"]),

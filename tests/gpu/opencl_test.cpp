@@ -43,7 +43,7 @@ void check_same_as_cpu(const Shot& shot, OpenCLOptions options) {
 
 }  // namespace
 
-TEST_CASE("a device gives the bytes of the CPU: awkward strands, three regions, everything on") {
+TEST_CASE("a device gives the bytes of the CPU: awkward strands, four regions, everything on") {
   // Drivers build for a while, so not every pair.
   const auto [precision, mapping] =
       GENERATE(std::pair(Precision::Float, Mapping::Strands), std::pair(Precision::Float, Mapping::Vertices),

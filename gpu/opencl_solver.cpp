@@ -435,8 +435,8 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
 
   const std::uint64_t largest_block = largest_bytes(strands_->blocks.size());
   if (largest_block > std::min(device_.largest_buffer, kMostBytes)) {
-    throw DeviceMemoryError("strands of " + std::to_string(strands_->longest) +
-                            " vertices are too long for the device's largest buffer");
+    throw DeviceError("strands of " + std::to_string(strands_->longest) +
+                      " vertices are too long for the device's largest buffer");
   }
   // All hair on the device if it fits, else in batches that take turns there, and smaller ones until all fits. Devices
   // may reserve memory late, so that only trying tells.

@@ -5,8 +5,8 @@
 
 #include <array>
 #include <fstream>
-#include <iterator>
 #include <optional>
+#include <sstream>
 #include <system_error>
 #include <vector>
 
@@ -41,7 +41,9 @@ std::string hex(const Digest& digest) {
 // A file of the cache: the digest of the binary, then the binary. Drivers may crash on bytes that are not theirs.
 std::optional<std::string> read_cached(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
-  const std::string bytes{std::istreambuf_iterator<char>(file), {}};
+  std::ostringstream read;
+  read << file.rdbuf();  // what cannot be read fails here; an iterator over it would throw
+  const std::string bytes = read.str();
   constexpr std::size_t kHex = 2 * SHA256_DIGEST_SIZE;
   if (bytes.size() <= kHex) return std::nullopt;
   std::string binary = bytes.substr(kHex);

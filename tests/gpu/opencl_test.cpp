@@ -3,24 +3,13 @@
 
 #include <catch2/catch.hpp>
 
+#include "tests/gpu/test_devices.h"
 #include "tests/sim/harness.h"
 
 using namespace strandbake;
 using namespace strandbake::harness;
 
 namespace {
-
-const std::vector<Device>& devices() {
-  static const std::vector<Device> all = [] {
-    try {
-      return list_devices();
-    } catch (const DeviceError&) {
-      return std::vector<Device>();
-    }
-  }();
-  if (all.empty()) WARN("skipped: there is no OpenCL device");
-  return all;
-}
 
 bool is_exact(const Device& device, Precision precision) {
   return precision == Precision::Float ? device.exact_float : device.exact_double;

@@ -2,13 +2,15 @@
 too small or fails."""
 
 import json
+import os
 import platform
+import re
 import shutil
 import subprocess
 
 import numpy as np
 import pytest
-from conftest import DEVICE, GOOD, PROGRAM, USAGE, assert_one_error, read
+from conftest import DEVICE, GOOD, PROGRAM, SOURCE, USAGE, assert_one_error, read
 
 # A region for each method, and most of what a scene can have.
 SCENE = '''[bake]
@@ -86,6 +88,26 @@ def test_a_device_writes_the_cache_of_the_cpu(scene, device):
     # auto takes a GPU or the CPU; the cache is the same.
     assert bake(scene, "-o", "auto.h5").code == GOOD
     assert (scene / "auto.h5").read_bytes() == (scene / "cpu.h5").read_bytes()
+
+
+# Every method in every mapping that has it.
+METHODS = [(1, "strands"), (2, "strands"), (2, "vertices"), (3, "strands"), (3, "vertices"), (4, "vertices")]
+ASSETS = os.environ.get("STRANDBAKE_ASSETS")
+
+
+@pytest.mark.parametrize("path", sorted((SOURCE / "scenes").glob("*.toml")), ids=lambda path: path.stem)
+def test_the_scenes_of_the_project_are_the_same_on_a_device(shot, device, path):
+    if path.stem != "demo" and not ASSETS:
+        pytest.skip("STRANDBAKE_ASSETS names no folder with real grooms and animation")
+    shot.run("groom", "--style", "wavy", "--strands", "400", "--vertices", "24", "--seed", "7", "-o", "demo.hair")
+    settings = ["--search", shot.folder, "--search", ASSETS or shot.folder, "--frames", "1-2", "--set", "bake.preroll=1"]
+    regions = re.findall(r'^name = "([^"]+)"', path.read_text(), re.MULTILINE)
+    for method, mapping in METHODS:
+        options = [*settings, *(f'--set=region."{name}".local.method={method}' for name in regions)]
+        for backend, more in (("openmp", []), ("opencl", ["--mapping", mapping])):
+            result = shot.run("bake", path, "--force", "--quiet", "--backend", backend, *more, *options, "-o", f"{backend}.h5")
+            assert result.code == GOOD, result.err
+        assert (shot / "opencl.h5").read_bytes() == (shot / "openmp.h5").read_bytes(), (method, mapping)
 
 
 def test_frames_that_are_not_written_are_simulated_on_the_device_too(scene, device):

@@ -13,6 +13,6 @@ __kernel void gather(const __global Real* state, const __global BlockRow* blocks
     to[0] = (float)v.x + 0.0f;
     to[1] = (float)v.y + 0.0f;
     to[2] = (float)v.z + 0.0f;
-    if (!(isfinite(v.x) && isfinite(v.y) && isfinite(v.z))) *not_finite = 1;
+    if (!(isfinite(v.x) && isfinite(v.y) && isfinite(v.z))) atomic_or(not_finite, 1u);
   }
 }

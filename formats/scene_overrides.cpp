@@ -79,7 +79,8 @@ void set_origin(TomlNode& node, const Origin& origin) {
   for (TomlNode& child : node.children) set_origin(child, origin);
 }
 
-// TOML, or the text as it stands where it is not TOML.
+// TOML, or the text as it stands where it is not TOML. Throws std::invalid_argument for what no TOML text can hold: the
+// provenance of a cache could not be read again.
 TomlNode parse_value(std::string_view text, const Origin& origin) {
   TomlNode value;
   value.kind = TomlNode::Kind::Text;
@@ -89,6 +90,11 @@ TomlNode parse_value(std::string_view text, const Origin& origin) {
     if (document.children.size() == 1 && document.children[0].key == "value") value = std::move(document.children[0]);
   } catch (const TomlError&) {
     // A bare text: the reader says so where it does not want one.
+    try {
+      parse_toml("value = " + toml_text(text));
+    } catch (const TomlError&) {
+      throw std::invalid_argument("the value is not a text in UTF-8");
+    }
   }
   set_origin(value, origin);
   value.bare = text;

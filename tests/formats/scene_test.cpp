@@ -648,6 +648,9 @@ TEST_CASE("faulty overrides name themselves") {
   check("bake.fps=fast", {"\"bake.fps\" is the text \"fast\""});
   check("bake.fps=", {"\"bake.fps\" is the text \"\""});
   check("bake.fps=30\nbake.substeps=2", {"is the text \"30\\u000abake.substeps=2\""});
+  for (const char* value : {"\"a\xe2", "a\xff.hair", "[\"a.\xbb"}) {
+    check(std::string("groom.files=") + value, {"not a text in UTF-8"});
+  }
   check("bake.fsp=30", {"\"fsp\": unknown key, did you mean \"fps\"?"});
   check("bkae.fps=30", {"\"bkae\": unknown key, did you mean \"bake\"?"});
   check("colider[0].sphere.radius=1", {"\"colider\" is not a list, did you mean \"collider\"?"});

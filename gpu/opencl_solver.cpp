@@ -135,6 +135,7 @@ class Implementation final : public OpenCLSolver {
   Plan plan_;
   std::vector<std::uint64_t> offset_;
   std::optional<StrandBlocks<Scalar>> strands_;
+  std::optional<Origin> origin_;
   std::vector<Mapping> mapping_;           // [regions]
   std::size_t numbers_ = 0;                // of the state
   mutable LargeArray<Scalar> host_state_;  // where batches are streamed
@@ -394,7 +395,8 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
   numbers_ = strands_->lay_out(plan, nullptr);
   host_state_ = LargeArray<Scalar>(numbers_);
   strands_->lay_out(plan, host_state_.data());
-  const HeadTransform<Scalar> start(head);
+  origin_.emplace(strands_->center, head);
+  const HeadTurn<Scalar> start(head);
   const auto block_count = static_cast<std::ptrdiff_t>(strands_->blocks.size());
   FirstException failure;
 #pragma omp parallel for num_threads(options.threads) schedule(dynamic, 8)
@@ -537,7 +539,10 @@ void Implementation<Scalar>::simulate(const Batch& batch, cl_mem state, cl_uint 
 
 template <class Scalar>
 void Implementation<Scalar>::gather(const Batch& batch, cl_mem state, cl_uint swapped) const {
-  set(gather_, state, batch.blocks.get(), batch.targets.get(), swapped, positions_.get(), not_finite_.get());
+  const Eigen::Vector3d& origin = origin_->now();
+  set(gather_, state, batch.blocks.get(), batch.targets.get(), swapped, in_world<Scalar>(Scalar(0), origin.x()),
+      in_world<Scalar>(Scalar(0), origin.y()), in_world<Scalar>(Scalar(0), origin.z()), positions_.get(),
+      not_finite_.get());
   const std::size_t global[] = {batch.block_count * static_cast<std::size_t>(strands_->width), 8};
   check_opencl(
       cl_.EnqueueNDRangeKernel(compute_.get(), gather_.get(), 2, nullptr, global, nullptr, 0, nullptr, nullptr),
@@ -571,12 +576,13 @@ void Implementation<Scalar>::start(const FrameInput& input) {
     ints[kLengthIterations] = step.length_iterations;
     region_ints.insert(region_ints.end(), std::begin(ints), std::end(ints));
   }
-  const FrameSteps<Scalar> steps = frame_steps<Scalar>(input);
+  const FrameSteps<Scalar> steps = frame_steps<Scalar>(input, *origin_);
   std::vector<Scalar> substep_reals;
   std::vector<cl_int> substep_ints;
   for (const Substep<Scalar>& substep : steps.substeps) {
     substep_reals.insert(substep_reals.end(), std::begin(substep.rotation), std::end(substep.rotation));
-    substep_reals.insert(substep_reals.end(), std::begin(substep.translation), std::end(substep.translation));
+    substep_reals.insert(substep_reals.end(), std::begin(substep.moves), std::end(substep.moves));
+    substep_reals.insert(substep_reals.end(), std::begin(substep.moved_before), std::end(substep.moved_before));
     substep_reals.insert(substep_reals.end(), std::begin(substep.wind), std::end(substep.wind));
     substep_ints.push_back(static_cast<cl_int>((substep.spheres - steps.spheres.data()) / 4));
     substep_ints.push_back(substep.sphere_count);
@@ -746,6 +752,7 @@ template <class Out>
 void Implementation<Scalar>::read_as(std::span<Out> out) const {
   using Component = typename Out::Scalar;
   const auto width = static_cast<std::size_t>(strands_->width);
+  const Eigen::Vector3d& origin = origin_->now();
   with_state_on_host([&](const Batch& batch, const Scalar* state) {
     for (std::size_t b = 0; b < batch.block_count; ++b) {
       const Placed<Scalar>& placed = strands_->blocks[batch.first_block + b];
@@ -756,7 +763,8 @@ void Implementation<Scalar>::read_as(std::span<Out> out) const {
         for (std::size_t v = offset_[strand]; v < offset_[strand + 1]; ++v) {
           const Scalar* const row = state + at + strands_->row_at(v - offset_[strand], lane);
           for (std::size_t axis = 0; axis < 3; ++axis) {
-            out[v][static_cast<Eigen::Index>(axis)] = static_cast<Component>(row[axis * width]) + 0;
+            out[v][static_cast<Eigen::Index>(axis)] =
+                in_world<Component>(row[axis * width], origin[static_cast<Eigen::Index>(axis)]);
           }
         }
       }

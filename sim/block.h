@@ -1,9 +1,10 @@
 // The data of a block of W strands and of one frame, as the lane kernels see it. Plain pointers and numbers only: the
 // kernels are compiled for several instruction sets and share no inline function with the rest of the program.
 //
-// A value per vertex is stored as W numbers, one a strand; a vector as three such rows, x, y, z. Vertex i of an array
-// of vectors begins at 3 W i. Strands that end early are padded with pinned vertices at the rest place of their tip,
-// which no real vertex feels.
+// Positions are relative to an origin that travels with the head (Origin in strand_blocks.h, passes/integrate.h).
+// A value per vertex is stored as W numbers, one a strand; a vector as three such rows, x, y, z.
+// Vertex i of an array of vectors begins at 3 W i. Strands that end early are padded with pinned vertices at the rest
+// place of their tip, which no real vertex feels.
 #pragma once
 
 #include "sim/work_count.h"
@@ -36,12 +37,13 @@ struct Block {
 // One moment at the end of a substep.
 template <class Scalar>
 struct Substep {
-  Scalar rotation[9];  // T_H, row by row
-  Scalar translation[3];
-  Scalar wind[12];        // four velocities [m/s]
-  const Scalar* spheres;  // [sphere_count] of x, y, z, radius
+  Scalar rotation[9];      // of T_H, row by row
+  Scalar moves[3];         // the origin of positions, in this substep [m]
+  Scalar moved_before[3];  // and in the one before
+  Scalar wind[12];         // four velocities [m/s]
+  const Scalar* spheres;   // [sphere_count] of x, y, z (from the origin now), radius
   int sphere_count;
-  bool repeats;  // all of the above is as it was in the substep before, be it of this frame or of the last
+  bool repeats;  // all of the above is as it was in the substep before, be it of this frame or of the last; no move
 };
 
 // A region's parameters, made ready for the length of a substep.

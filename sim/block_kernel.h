@@ -31,7 +31,7 @@ struct BlockStep {
   Workspace<Scalar>& workspace;
   Vec* p;  // positions of the substep before, then Q of the next
   Vec* q;  // positions before that; the new ones are written over them
-  Vec row_x, row_y, row_z, translation;
+  Vec row_x, row_y, row_z;
 
   static STRANDBAKE_INLINE Vec* vectors(Scalar* data) { return reinterpret_cast<Vec*>(data); }
   static STRANDBAKE_INLINE Real* reals(Scalar* data) { return reinterpret_cast<Real*>(data); }
@@ -43,12 +43,9 @@ struct BlockStep {
     row_x = broadcast(s.rotation);
     row_y = broadcast(s.rotation + 3);
     row_z = broadcast(s.rotation + 6);
-    translation = broadcast(s.translation);
   }
 
-  STRANDBAKE_INLINE Vec with_head(int i) const {
-    return rotate_by_rows(row_x, row_y, row_z, vectors(block.rest)[i]) + translation;
-  }
+  STRANDBAKE_INLINE Vec with_head(int i) const { return rotate_by_rows(row_x, row_y, row_z, vectors(block.rest)[i]); }
   STRANDBAKE_INLINE FRAME root_frame() const {
     const Vec* rest = vectors(block.root_frame);
     return {rotate_by_rows(row_x, row_y, row_z, rest[0]), rotate_by_rows(row_x, row_y, row_z, rest[1])};
@@ -98,10 +95,11 @@ struct BlockStep {
   }
 
   STRANDBAKE_INLINE void integrate_and_pull(int begin, int end, bool pulled, Real keep, bool windy, Vec wind) const {
-    const Vec gravity = broadcast(region.gravity_h2);
+    const Vec fall =
+        broadcast(region.gravity_h2) + shift_by_origin(broadcast(now.moves), broadcast(now.moved_before), keep);
     const Real stiffness(region.global_stiffness), ratio2(region.step_ratio2);
     for (int i = begin; i < end; ++i) {
-      Vec accel_h2 = gravity;
+      Vec accel_h2 = fall;
       if (windy) accel_h2 = accel_h2 + wind_across(wind, p[i] - p[i - 1]);
       Vec moved = integrate(p[i], q[i], keep, accel_h2);
       if (pulled) {

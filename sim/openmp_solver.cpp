@@ -82,15 +82,18 @@ bool all_finite(const Scalar* numbers, std::size_t count) {
 // Strands that are read together.
 constexpr int kLanesAtOnce = 4;
 
-// The first `count` vertices of four strands in neighbouring lanes, and + 0 as in read_block(). Writes one number
+// The first `count` vertices of four strands in neighbouring lanes, from `origin`. Writes one number
 // beyond the last vertex, so that a vertex takes one store and not three.
-void read_lanes(const float* rows, std::size_t width, float* const (&to)[kLanesAtOnce], std::size_t count) {
+void read_lanes(const float* rows, std::size_t width, const Eigen::Vector3d& origin, float* const (&to)[kLanesAtOnce],
+                std::size_t count) {
   typedef float Four __attribute__((vector_size(16), aligned(4), may_alias));
   const auto load = [](const float* p) { return *reinterpret_cast<const Four*>(p); };
   const auto store = [](float* p, Four v) { *reinterpret_cast<Four*>(p) = v; };
+  const float ox = in_world<float>(0.0f, origin.x()), oy = in_world<float>(0.0f, origin.y()),
+              oz = in_world<float>(0.0f, origin.z());
   float *a = to[0], *b = to[1], *c = to[2], *d = to[3];
   for (std::size_t i = 0; i < count; ++i, rows += 3 * width, a += 3, b += 3, c += 3, d += 3) {
-    const Four x = load(rows) + 0.0f, y = load(rows + width) + 0.0f, z = load(rows + 2 * width) + 0.0f;
+    const Four x = load(rows) + ox, y = load(rows + width) + oy, z = load(rows + 2 * width) + oz;
     const Four low = __builtin_shufflevector(x, y, 0, 4, 1, 5), high = __builtin_shufflevector(x, y, 2, 6, 3, 7);
     store(a, __builtin_shufflevector(low, z, 0, 1, 4, 4));
     store(b, __builtin_shufflevector(low, z, 2, 3, 5, 5));
@@ -127,6 +130,7 @@ class OpenMPSolver final : public Solver {
   AdvanceBlock<Scalar> advance_block_;
   std::vector<std::uint64_t> offset_;
   StrandBlocks<Scalar> strands_;
+  Origin origin_;
   std::size_t state_count_ = 0;
   LargeArray<Scalar> state_;
   LargeArray<Scalar> scratch_;                // of all threads
@@ -144,7 +148,11 @@ class OpenMPSolver final : public Solver {
 template <class Scalar>
 OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head,
                                    const SolverOptions& options)
-    : plan_(plan), options_(options), offset_(groom.offset), strands_(make_blocks<Scalar>(groom, plan, options)) {
+    : plan_(plan),
+      options_(options),
+      offset_(groom.offset),
+      strands_(make_blocks<Scalar>(groom, plan, options)),
+      origin_(strands_.center, head) {
   const LaneKernels& kernels = choose_kernels(options.lanes);
   if constexpr (sizeof(Scalar) == 4) {
     advance_block_ = kernels.advance_float;
@@ -154,7 +162,7 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
   state_count_ = strands_.lay_out(plan, nullptr);
   state_ = LargeArray<Scalar>(state_count_);
   strands_.lay_out(plan, state_.data());
-  const HeadTransform<Scalar> start(head);
+  const HeadTurn<Scalar> start(head);
   const auto block_count = static_cast<std::ptrdiff_t>(strands_.blocks.size());
   FirstException failure;
 #pragma omp parallel for num_threads(options.threads) schedule(dynamic, 8)
@@ -187,14 +195,15 @@ void OpenMPSolver<Scalar>::mark_repeats(std::vector<RegionStep<Scalar>>& regions
                                         std::vector<Substep<Scalar>>& substeps) {
   const auto same = [](const Substep<Scalar>& a, const Substep<Scalar>& b) {
     return std::equal(std::begin(a.rotation), std::end(a.rotation), b.rotation) &&
-           std::equal(std::begin(a.translation), std::end(a.translation), b.translation) &&
            std::equal(std::begin(a.wind), std::end(a.wind), b.wind) && a.sphere_count == b.sphere_count &&
            std::equal(a.spheres, a.spheres + 4 * a.sphere_count, b.spheres);
   };
+  const auto is_zero = [](const Scalar(&v)[3]) { return v[0] == 0 && v[1] == 0 && v[2] == 0; };
   const bool is_first = regions_before_.empty();
   const Substep<Scalar>* before = is_first ? nullptr : &last_before_;
   for (Substep<Scalar>& substep : substeps) {
-    substep.repeats = before != nullptr && same(substep, *before);
+    substep.repeats =
+        before != nullptr && same(substep, *before) && is_zero(substep.moves) && is_zero(substep.moved_before);
     before = &substep;
   }
   for (std::size_t r = 0; r < regions.size(); ++r) {
@@ -218,7 +227,7 @@ void OpenMPSolver<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vec
     regions.push_back(
         region_step<Scalar>(params, plan_.regions[regions.size()], input, substep_before_, options_.skip));
   }
-  FrameSteps<Scalar> steps = frame_steps<Scalar>(input);
+  FrameSteps<Scalar> steps = frame_steps<Scalar>(input, origin_);
   std::vector<Substep<Scalar>>& substeps = steps.substeps;
   const std::size_t count = substeps.size();
   mark_repeats(regions, substeps);
@@ -247,7 +256,7 @@ void OpenMPSolver<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vec
     if (alongside) failure.guard([&] { alongside(false); });
   }
   swapped_ = ends_swapped;
-  all_finite_ = finite;
+  all_finite_ = finite && origin_.now().allFinite();
   substep_before_ = input.substep;
   for (Workspace<Scalar>& workspace : workspace_) move_count(workspace.work, work_);
   failure.rethrow();
@@ -264,12 +273,12 @@ void OpenMPSolver<Scalar>::read_as(std::span<Out> out) const {
   }
 }
 
-// Adding 0 makes -0 to 0: which of them it is may depend on what was skipped, and nothing else does.
 template <class Scalar>
 template <class Out>
 void OpenMPSolver<Scalar>::read_block(const Placed<Scalar>& placed, const Scalar* now, std::span<Out> out) const {
   using Component = typename Out::Scalar;
   const auto width = static_cast<std::size_t>(strands_.width);
+  const Eigen::Vector3d& origin = origin_.now();
   for (int lane = 0; lane < placed.count; lane += kLanesAtOnce) {
     const int lanes = std::min(kLanesAtOnce, placed.count - lane);
     Component* to[kLanesAtOnce];
@@ -283,15 +292,15 @@ void OpenMPSolver<Scalar>::read_block(const Placed<Scalar>& placed, const Scalar
     if constexpr (sizeof(Scalar) == 4 && sizeof(Component) == 4) {
       if (lanes == kLanesAtOnce) {
         done = *std::min_element(std::begin(count), std::end(count)) - 1;
-        read_lanes(now + lane, width, to, done);
+        read_lanes(now + lane, width, origin, to, done);
       }
     }
     for (int k = 0; k < lanes; ++k) {
       for (std::size_t i = done; i < count[k]; ++i) {
         const Scalar* const row = now + strands_.row_at(i, lane + k);
-        to[k][3 * i] = static_cast<Component>(row[0]) + 0;
-        to[k][3 * i + 1] = static_cast<Component>(row[width]) + 0;
-        to[k][3 * i + 2] = static_cast<Component>(row[2 * width]) + 0;
+        to[k][3 * i] = in_world<Component>(row[0], origin.x());
+        to[k][3 * i + 1] = in_world<Component>(row[width], origin.y());
+        to[k][3 * i + 2] = in_world<Component>(row[2 * width], origin.z());
       }
     }
   }
@@ -301,6 +310,8 @@ template <class Scalar>
 std::optional<NonFinite> OpenMPSolver<Scalar>::find_non_finite() const {
   std::optional<NonFinite> found;
   if (all_finite_) return found;
+  // Free vertices first: a bad one spoils the pinned ones beside it.
+  if (!origin_.now().allFinite() && offset_.size() > 1) return NonFinite{0, 2 % static_cast<std::size_t>(offset_[1])};
   for (const Placed<Scalar>& placed : strands_.blocks) {
     const Scalar* const now = newest(placed);
     // Padding may spoil a block whose strands are all well.
@@ -308,7 +319,6 @@ std::optional<NonFinite> OpenMPSolver<Scalar>::find_non_finite() const {
     for (int lane = 0; lane < placed.count; ++lane) {
       const std::size_t strand = strands_.strand_order[placed.first + static_cast<std::size_t>(lane)];
       if (found && found->strand < strand) continue;
-      // Free vertices first: a bad one spoils the pinned ones beside it.
       const std::size_t count = offset_[strand + 1] - offset_[strand];
       for (std::size_t k = 0; k < count; ++k) {
         const std::size_t i = (k + 2) % count;

@@ -73,10 +73,8 @@ std::uint32_t spread_bits(std::uint32_t v) {
 
 // For each strand its root's place on a curve that keeps neighbours together (Morton's), so that the strands of a block
 // are near each other and meet the same colliders.
-std::vector<std::uint32_t> order_in_space(const Groom& groom) {
+std::vector<std::uint32_t> order_in_space(const Groom& groom, const Eigen::AlignedBox3d& box) {
   const std::size_t strands = groom.strand_count();
-  Eigen::AlignedBox3d box;
-  for (std::size_t s = 0; s < strands; ++s) box.extend(groom.position[groom.offset[s]]);
   std::vector<std::uint32_t> place(strands, 0);
   for (std::size_t s = 0; s < strands; ++s) {
     const Eigen::Vector3d from_corner = groom.position[groom.offset[s]] - box.min();
@@ -87,6 +85,18 @@ std::vector<std::uint32_t> order_in_space(const Groom& groom) {
     }
   }
   return place;
+}
+
+// Near the middle of the groom, on a grid as coarse as the groom is large: so positions with few digits, as files have
+// them, lose none when it is taken away and added again.
+Eigen::Vector3d coarse_center(const Groom& groom) {
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& p : groom.position) box.extend(p);
+  if (box.isEmpty()) return Eigen::Vector3d::Zero();
+  int exponent = 0;
+  std::frexp(box.diagonal().norm(), &exponent);
+  const double grid = std::ldexp(1.0, exponent);
+  return (box.center() / grid).array().round() * grid;
 }
 
 // How far along a strand each vertex is, and the whole length [m].
@@ -132,7 +142,10 @@ StrandBlocks<Scalar>::StrandBlocks(const Groom& groom, const Plan& plan, int str
   }
   strand_order.resize(strands);
   std::iota(strand_order.begin(), strand_order.end(), 0u);
-  const std::vector<std::uint32_t> place = order_in_space(groom);
+  Eigen::AlignedBox3d roots;
+  for (std::size_t s = 0; s < strands; ++s) roots.extend(groom.position[groom.offset[s]]);
+  center = coarse_center(groom);
+  const std::vector<std::uint32_t> place = order_in_space(groom, roots);
   const auto key = [&](std::uint32_t s) {
     return std::tuple(region_of(s), extra_pins[s], groom.vertex_count(s), place[s], s);
   };
@@ -222,7 +235,7 @@ std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, Scalar* base) {
   return used;
 }
 template <class Scalar>
-void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const HeadTransform<Scalar>& head,
+void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const HeadTurn<Scalar>& head,
                                 const Placed<Scalar>& placed) const {
   const auto w = static_cast<std::size_t>(width);
   const auto store = [&](Scalar* array, std::size_t vertex, int lane, Vec3<Scalar> v) {
@@ -244,11 +257,11 @@ void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
     const std::size_t s = strand_order[placed.first + static_cast<std::size_t>(lane < placed.count ? lane : 0)];
     const std::size_t own = groom.vertex_count(s);
     rest.resize(own);
-    for (std::size_t i = 0; i < own; ++i) rest[i] = to_vec3<Scalar>(groom.position[groom.offset[s] + i]);
+    for (std::size_t i = 0; i < own; ++i) rest[i] = to_vec3<Scalar>(groom.position[groom.offset[s] + i] - center);
     const auto rest_at = [&](std::size_t i) { return rest[std::min(i, own - 1)]; };
 
     for (std::size_t i = 0; i < n; ++i) {
-      const Vec3<Scalar> start = head.apply(rest_at(i));
+      const Vec3<Scalar> start = head.turn(rest_at(i));
       store(b.position, i, lane, start);
       store(b.previous, i, lane, start);
     }
@@ -342,31 +355,38 @@ void check_against_plan(const Plan& plan, const FrameInput& input) {
   if (!fits) throw std::invalid_argument("the input of a frame asks for more than the plan has");
 }
 template <class Scalar>
-FrameSteps<Scalar> frame_steps(const FrameInput& input) {
+FrameSteps<Scalar> frame_steps(const FrameInput& input, Origin& origin) {
   FrameSteps<Scalar> steps;
   const std::size_t count = input.substeps();
   std::vector<Substep<Scalar>>& substeps = steps.substeps;
   substeps.resize(count);
   std::vector<Scalar>& spheres = steps.spheres;
-  for (const auto& moment : input.spheres) {
-    for (const Sphere& sphere : moment) {
-      for (int axis = 0; axis < 3; ++axis) spheres.push_back(static_cast<Scalar>(sphere.center[axis]));
-      spheres.push_back(static_cast<Scalar>(sphere.radius));
-    }
-  }
-  std::size_t sphere_at = 0;
   for (std::size_t s = 0; s < count; ++s) {
-    const HeadTransform<Scalar> head(input.head[s]);
+    const HeadTurn<Scalar> head(input.head[s]);
     std::copy(std::begin(head.rotation), std::end(head.rotation), substeps[s].rotation);
-    std::copy(std::begin(head.translation), std::end(head.translation), substeps[s].translation);
+    const Eigen::Vector3d moved_before = origin.moved();
+    origin.follow(input.head[s]);
+    for (int axis = 0; axis < 3; ++axis) {
+      substeps[s].moves[axis] = static_cast<Scalar>(origin.moved()[axis]);
+      substeps[s].moved_before[axis] = static_cast<Scalar>(moved_before[axis]);
+    }
     for (int j = 0; !input.wind.empty() && j < 4; ++j) {
       for (int axis = 0; axis < 3; ++axis) {
         substeps[s].wind[3 * j + axis] = static_cast<Scalar>(input.wind[s][static_cast<std::size_t>(j)][axis]);
       }
     }
     substeps[s].sphere_count = input.spheres.empty() ? 0 : static_cast<int>(input.spheres[s].size());
-    substeps[s].spheres = spheres.data() + sphere_at;
-    sphere_at += 4 * static_cast<std::size_t>(substeps[s].sphere_count);
+    for (int k = 0; k < substeps[s].sphere_count; ++k) {
+      const Sphere& sphere = input.spheres[s][static_cast<std::size_t>(k)];
+      const Eigen::Vector3d center = sphere.center - origin.now();
+      for (int axis = 0; axis < 3; ++axis) spheres.push_back(static_cast<Scalar>(center[axis]));
+      spheres.push_back(static_cast<Scalar>(sphere.radius));
+    }
+  }
+  std::size_t sphere_at = 0;
+  for (Substep<Scalar>& substep : substeps) {
+    substep.spheres = spheres.data() + sphere_at;
+    sphere_at += 4 * static_cast<std::size_t>(substep.sphere_count);
   }
   return steps;
 }
@@ -375,7 +395,7 @@ template struct StrandBlocks<float>;
 template struct StrandBlocks<double>;
 template RegionStep<float> region_step(const RegionParams&, const RegionPlan&, const FrameInput&, double, const Skip&);
 template RegionStep<double> region_step(const RegionParams&, const RegionPlan&, const FrameInput&, double, const Skip&);
-template FrameSteps<float> frame_steps(const FrameInput&);
-template FrameSteps<double> frame_steps(const FrameInput&);
+template FrameSteps<float> frame_steps(const FrameInput&, Origin&);
+template FrameSteps<double> frame_steps(const FrameInput&, Origin&);
 
 }  // namespace strandbake

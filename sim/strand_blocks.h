@@ -5,6 +5,7 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <type_traits>
 #include <vector>
 
 #include "sim/block.h"
@@ -22,26 +23,48 @@ Vec3<Scalar> to_vec3(const Eigen::Vector3d& v) {
   return {static_cast<Scalar>(v.x()) + 0, static_cast<Scalar>(v.y()) + 0, static_cast<Scalar>(v.z()) + 0};
 }
 
+// From the rest pose to the head's orientation now; where the head is, is the origin's matter.
 template <class Scalar>
-struct HeadTransform {
+struct HeadTurn {
   Scalar rotation[9];
-  Scalar translation[3];
 
-  explicit HeadTransform(const Eigen::Isometry3d& head) {
+  explicit HeadTurn(const Eigen::Isometry3d& head) {
     for (int row = 0; row < 3; ++row) {
       for (int column = 0; column < 3; ++column)
         rotation[3 * row + column] = static_cast<Scalar>(head.linear()(row, column));
-      translation[row] = static_cast<Scalar>(head.translation()[row]) + 0;  // no -0, as in to_vec3
     }
   }
   Vec3<Scalar> turn(Vec3<Scalar> v) const {
     const Scalar* r = rotation;
     return rotate_by_rows<Scalar>({r[0], r[1], r[2]}, {r[3], r[4], r[5]}, {r[6], r[7], r[8]}, v);
   }
-  Vec3<Scalar> apply(Vec3<Scalar> v) const {
-    return turn(v) + Vec3<Scalar>{translation[0], translation[1], translation[2]};
-  }
 };
+
+// The origin of positions: about the centre of the groom, on the head.
+class Origin {
+ public:
+  Origin(const Eigen::Vector3d& rest_center, const Eigen::Isometry3d& head)
+      : rest_center_(rest_center), now_(head * rest_center), moved_(0, 0, 0) {}
+
+  const Eigen::Vector3d& now() const { return now_; }      // world [m]
+  const Eigen::Vector3d& moved() const { return moved_; }  // in the last substep [m]
+  void follow(const Eigen::Isometry3d& head) {
+    const Eigen::Vector3d next = head * rest_center_;
+    moved_ = next - now_;
+    now_ = next;
+  }
+
+ private:
+  Eigen::Vector3d rest_center_, now_, moved_;
+};
+
+// A position of the solver in the world. Adding an origin without -0 makes -0 to 0: which of them it is may depend on
+// what was skipped, and nothing else does.
+template <class Out, class Scalar>
+Out in_world(Scalar position, double origin) {
+  using Wider = std::common_type_t<Out, Scalar>;
+  return static_cast<Out>(static_cast<Wider>(position) + (static_cast<Wider>(origin) + 0));
+}
 
 template <class Scalar>
 struct Placed {  // a block and the strands in its lanes
@@ -57,7 +80,8 @@ struct StrandBlocks {
   int width;  // strands in a block
   std::vector<std::uint32_t> strand_order;
   std::vector<Placed<Scalar>> blocks;
-  std::size_t longest = 0;  // vertices of the longest strand
+  std::size_t longest = 0;          // vertices of the longest strand
+  Eigen::Vector3d center{0, 0, 0};  // about that of the groom, at rest [m]; rest positions are relative to it
 
   // Throws std::invalid_argument where a strand has fewer than two vertices or names a region that the plan does not
   // have.
@@ -67,8 +91,7 @@ struct StrandBlocks {
   std::size_t lay_out(const Plan& plan, Scalar* base);
 
   // Writes the rest state of the strands of one block, and puts them at rest on the head.
-  void fill(const Groom& groom, const Plan& plan, const HeadTransform<Scalar>& head,
-            const Placed<Scalar>& placed) const;
+  void fill(const Groom& groom, const Plan& plan, const HeadTurn<Scalar>& head, const Placed<Scalar>& placed) const;
 
   // Where row `vertex` of an array of vectors begins, for the strand in `lane`.
   std::size_t row_at(std::size_t vertex, int lane) const {
@@ -87,8 +110,9 @@ struct FrameSteps {
   std::vector<Substep<Scalar>> substeps;
   std::vector<Scalar> spheres;  // of all substeps; they point into it
 };
+// `origin` goes along, to the end of the frame.
 template <class Scalar>
-FrameSteps<Scalar> frame_steps(const FrameInput& input);
+FrameSteps<Scalar> frame_steps(const FrameInput& input, Origin& origin);
 
 // What the plan left out has no memory to run on: throws std::invalid_argument.
 void check_against_plan(const Plan& plan, const FrameInput& input);

@@ -31,7 +31,7 @@ static Real3 triple(const __global Real* v) {
 
 // The head of a substep.
 typedef struct {
-  Real3 row_x, row_y, row_z, translation;
+  Real3 row_x, row_y, row_z;
 } Head;
 
 static Head head_of(const __global Real* substep) {
@@ -39,14 +39,15 @@ static Head head_of(const __global Real* substep) {
   head.row_x = triple(substep + kRotation);
   head.row_y = triple(substep + kRotation + 3);
   head.row_z = triple(substep + kRotation + 6);
-  head.translation = triple(substep + kTranslation);
   return head;
 }
 static Real3 turn_with(Head head, Real3 v) {
   return rotate_by_rows(head.row_x, head.row_y, head.row_z, v);
 }
-static Real3 carry_with(Head head, Real3 v) {
-  return turn_with(head, v) + head.translation;
+
+// What a free vertex gains in a substep beside its velocity and the wind.
+static Real3 fall_of(const __global Real* substep, const __global Real* region, Real keep) {
+  return triple(region + kGravityH2) + shift_by_origin(triple(substep + kMoves), triple(substep + kMovedBefore), keep);
 }
 
 static Real3 wind_of(const __global Real* substep, const __global Real* weight_lane, Real drag_h2) {

@@ -21,7 +21,7 @@ enum RegionReal {
 enum RegionInt { kWind, kGlobalShape, kLocalShape, kLocalMethod, kLocalIterations, kLengthIterations, kRegionInts };
 
 // Substep (sim/block.h).
-enum SubstepReal { kRotation = 0, kTranslation = 9, kWindVelocity = 12, kSubstepReals = 24 };
+enum SubstepReal { kRotation = 0, kMoves = 9, kMovedBefore = 12, kWindVelocity = 15, kSubstepReals = 27 };
 enum SubstepInt { kSphereBegin, kSphereCount, kSubstepInts };
 
 // Block (sim/block.h). Places are in numbers from the start of a batch's state; kAbsent: the plan left the array out.

@@ -37,7 +37,7 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
 #ifdef HAS_RIDES
   if (block.rides) {
     const Head head = head_of(substep_reals + (substep_count - 1) * kSubstepReals);
-    for (uint i = 0; i < n; ++i) write3(p, i, carry_with(head, read3(rest, i)));
+    for (uint i = 0; i < n; ++i) write3(p, i, turn_with(head, read3(rest, i)));
     return;
   }
 #endif
@@ -59,7 +59,7 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
     // Forces, integration and global shape: old positions in p, new ones over q.
     {
       const Real keep = region[s == 0 ? kKeepFirst : kKeep];
-      const Real3 gravity = triple(region + kGravityH2);
+      const Real3 fall = fall_of(substep, region, keep);
 #ifdef HAS_WIND
       const bool windy = counts[kWind];
       const Real3 wind = windy ? wind_of(substep, state + block.wind_weight + lane, region[kDragH2]) : (Real3)(0);
@@ -67,12 +67,12 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
 #ifdef HAS_GLOBAL_SHAPE
       const uint global_end = counts[kGlobalShape] ? block.global_end : 0;
 #endif
-      write3(q, 0, carry_with(head, read3(rest, 0)));
-      write3(q, 1, carry_with(head, read3(rest, 1)));
+      write3(q, 0, turn_with(head, read3(rest, 0)));
+      write3(q, 1, turn_with(head, read3(rest, 1)));
       Real3 before = read3(p, 1);
       for (uint i = 2; i < n; ++i) {
         const Real3 here = read3(p, i);
-        Real3 accel_h2 = gravity;
+        Real3 accel_h2 = fall;
 #ifdef HAS_WIND
         if (windy) accel_h2 = accel_h2 + wind_across(wind, here - before);
 #endif
@@ -80,12 +80,12 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
 #ifdef HAS_GLOBAL_SHAPE
         if (i < global_end) {
           const Real stiffness = region[kGlobalStiffness] * read1(state + block.fade + lane, i);
-          moved = pull_to_goal(moved, carry_with(head, read3(rest, i)),
+          moved = pull_to_goal(moved, turn_with(head, read3(rest, i)),
                                stiffness_at_step(stiffness, region[kStepRatio2]));
         }
 #endif
 #ifdef HAS_MASKED
-        if (weights.masked && !(read1(weights.free, i) > (Real)0)) moved = carry_with(head, read3(rest, i));
+        if (weights.masked && !(read1(weights.free, i) > (Real)0)) moved = turn_with(head, read3(rest, i));
 #endif
         write3(q, i, moved);
         before = here;

@@ -87,18 +87,18 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
     // Forces, integration and global shape: old positions in p, new ones over q.
     {
       const Real keep = region[s == 0 ? kKeepFirst : kKeep];
-      const Real3 gravity = triple(region + kGravityH2);
+      const Real3 fall = fall_of(substep, region, keep);
 #ifdef HAS_WIND
       const bool windy = counts[kWind];
       const Real3 wind = windy ? wind_of(substep, state + block.wind_weight + lane, region[kDragH2]) : (Real3)(0);
 #endif
       for (uint i = row; i < n; i += rows) {
         if (i < 2) {
-          NAME(write_shared)(q, i, carry_with(head, read3(rest, i)));
+          NAME(write_shared)(q, i, turn_with(head, read3(rest, i)));
           continue;
         }
         const Real3 here = NAME(read_shared)(p, i);
-        Real3 accel_h2 = gravity;
+        Real3 accel_h2 = fall;
 #ifdef HAS_WIND
         if (windy) accel_h2 = accel_h2 + wind_across(wind, here - NAME(read_shared)(p, i - 1));
 #endif
@@ -106,12 +106,12 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
 #ifdef HAS_GLOBAL_SHAPE
         if (counts[kGlobalShape] && i < block.global_end) {
           const Real stiffness = region[kGlobalStiffness] * read1(state + block.fade + lane, i);
-          moved = pull_to_goal(moved, carry_with(head, read3(rest, i)),
+          moved = pull_to_goal(moved, turn_with(head, read3(rest, i)),
                                stiffness_at_step(stiffness, region[kStepRatio2]));
         }
 #endif
 #ifdef HAS_MASKED
-        if (masked && !(read1(is_free, i) > (Real)0)) moved = carry_with(head, read3(rest, i));
+        if (masked && !(read1(is_free, i) > (Real)0)) moved = turn_with(head, read3(rest, i));
 #endif
         NAME(write_shared)(q, i, moved);
       }

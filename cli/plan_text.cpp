@@ -19,6 +19,7 @@ std::string global_shape(const RegionPlan& plan, const RegionParams& p) {
 }
 
 std::string edge_lengths(const RegionPlan& plan, const RegionParams& p) {
+  if (plan.direct_lengths) return "runs, directly";
   return plan.edge_lengths ? fmt::format("runs, {} iterations", p.lengths.iterations) : "skipped, iterations = 0";
 }
 

@@ -294,6 +294,28 @@ class TableReader {
       read_table(*node, name, join(path_, name), fmt::format("{} = ", name), field.emplace());
   }
 
+  // lengths = "direct" or {iterations = 2}
+  void operator()(const char* name, LengthParams& field, const char*) {
+    const TomlNode* node = take(name);
+    if (!node) return;
+    const std::string path = join(path_, name);
+    const std::string* const text = node->kind == Kind::Text ? &node->text : nullptr;
+    if (text && *text == "direct") {
+      field = {};
+    } else if (node->kind != Kind::Table) {
+      refuse_type(*node, path, in_quotes(path), "\"direct\" or a table", "lengths = {iterations = 2}");
+    } else {
+      read(reading_, *node, path, field, nullptr, "");
+      const TomlNode* const iterations = node->find("iterations");
+      if (iterations && !node->find("direct")) field.direct = false;
+      if (field.direct && field.iterations > 0) {
+        reading_.add(iterations->origin, join(path, "iterations"),
+                     fmt::format("{} is {}, but lengths are solved directly: leave out one of the two",
+                                 in_quotes(join(path, "iterations")), field.iterations));
+      }
+    }
+  }
+
   // A list of tables, written as [[name]] or in place.
   template <class T>
   void operator()(const char* name, std::vector<T>& field, const char*) {

@@ -38,9 +38,10 @@ struct OpenCLName<double> {
 };
 
 // Vectors of three numbers a vertex that a group shares: p and q, for methods 2 and 4 two of the frames, for 4 the
-// scan.
-std::size_t shared_rows(int method) {
-  return method == 2 ? 4 : method == 4 ? 5 : 2;
+// scan or direct lengths.
+std::size_t shared_rows(int method, bool direct_lengths) {
+  const std::size_t frames = method == 2 || method == 4 ? 2 : 0;
+  return 2 + frames + (method == 4 || direct_lengths ? 1 : 0);
 }
 
 // The local shape that a region's kernel is compiled for; 0: none.
@@ -102,9 +103,13 @@ class Implementation final : public OpenCLSolver {
   std::size_t group_items() const { return std::bit_floor(std::min(kVertexGroup, device_.largest_group)); }
   // Does its hair more than ride?
   bool runs(const RegionPlan& region) const { return region.simulated || !options_.skip.regions; }
+  bool any_direct_lengths() const {
+    return std::any_of(plan_.regions.begin(), plan_.regions.end(),
+                       [&](const RegionPlan& r) { return runs(r) && r.direct_lengths; });
+  }
   std::string build_options(bool any_masked, bool any_rides) const;
   std::size_t shared_numbers(int method, std::size_t vertices) const {
-    return shared_rows(method) * 3 * vertices * static_cast<std::size_t>(strands_->width);
+    return shared_rows(method, any_direct_lengths()) * 3 * vertices * static_cast<std::size_t>(strands_->width);
   }
   Launch::Kind kind_of(const Placed<Scalar>& placed) const;
   std::set<std::pair<Launch::Kind, int>> kernels_of_vertices() const;
@@ -209,7 +214,8 @@ void Implementation<Scalar>::choose_width(const Groom& groom) {
     strands += 1;
     vertices += groom.vertex_count(s);
     longest = std::max(longest, groom.vertex_count(s));
-    largest = std::max(largest, shared_rows(method_of(plan_.regions[region])) * 3 * sizeof(Scalar) * longest);
+    largest = std::max(
+        largest, shared_rows(method_of(plan_.regions[region]), any_direct_lengths()) * 3 * sizeof(Scalar) * longest);
   }
   std::size_t width = item_group();
   if (strands > 0) {
@@ -238,7 +244,8 @@ std::string Implementation<Scalar>::build_options(bool any_masked, bool any_ride
   define(any([](const RegionPlan& r) { return r.wind; }), "HAS_WIND");
   define(any([](const RegionPlan& r) { return r.global_shape; }), "HAS_GLOBAL_SHAPE");
   define(any([](const RegionPlan& r) { return r.local_shape; }), "HAS_LOCAL_SHAPE");
-  define(any([](const RegionPlan& r) { return r.edge_lengths; }), "HAS_EDGE_LENGTHS");
+  define(any([](const RegionPlan& r) { return r.edge_lengths && !r.direct_lengths; }), "HAS_EDGE_LENGTHS");
+  define(any_direct_lengths(), "HAS_DIRECT_LENGTHS");
   define(plan_.colliders, "HAS_SPHERES");
   int method = 0;  // that all regions with a strand per work-item agree on, -1: they do not
   for (std::size_t r = 0; r < plan_.regions.size(); ++r) {
@@ -331,6 +338,8 @@ void Implementation<Scalar>::make_batch(Batch& batch, const Groom& groom) {
     row.fade = place(block.fade);
     row.free = place(block.free);
     row.active = place(block.active);
+    row.swept = place(block.swept);
+    row.elimination = place(block.elimination);
     row.wind_weight = place(block.wind_weight);
     rows.push_back(row);
     for (int lane = 0; lane < strands_->width; ++lane) {
@@ -392,9 +401,9 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
   }
   choose_width(groom);
   strands_.emplace(groom, plan, report_.strands_in_a_block, options.threads, options.skip);
-  numbers_ = strands_->lay_out(plan, nullptr);
+  numbers_ = strands_->lay_out(plan, true, nullptr);
   host_state_ = LargeArray<Scalar>(numbers_);
-  strands_->lay_out(plan, host_state_.data());
+  strands_->lay_out(plan, true, host_state_.data());
   origin_.emplace(strands_->center, head);
   const HeadTurn<Scalar> start(head);
   const auto block_count = static_cast<std::ptrdiff_t>(strands_->blocks.size());
@@ -573,7 +582,8 @@ void Implementation<Scalar>::start(const FrameInput& input) {
     ints[kLocalShape] = step.local_shape;
     ints[kLocalMethod] = step.local_method;
     ints[kLocalIterations] = step.local_iterations;
-    ints[kLengthIterations] = step.length_iterations;
+    ints[kDirectLengths] = step.direct_lengths;
+    ints[kLengthIterations] = step.direct_lengths ? 0 : step.length_iterations;
     region_ints.insert(region_ints.end(), std::begin(ints), std::end(ints));
   }
   const FrameSteps<Scalar> steps = frame_steps<Scalar>(input, *origin_);

@@ -30,6 +30,8 @@ struct Block {
   Scalar* fade;         // [global_end]: w of the global shape
   Scalar* free;         // [vertices] if masked: 1 free, 0 pinned or padding
   Scalar* active;       // [vertices] if masked: 1 where the segment that ends at a vertex exists
+  Scalar* swept;        // [vertices] if masked (direct lengths): 1 where no pinned vertex ends it or comes after
+  Scalar* elimination;  // [vertices] of two numbers, on devices: direct lengths, what a substep works out
   Scalar* wind_weight;  // [4]: blend of the four gusts
   bool at_rest;         // the last substep changed not a bit, and neither would another with the same input
 };
@@ -59,15 +61,19 @@ struct RegionStep {
   Scalar half_local_stiffness;           // S_L / 2 at this substep
   int local_iterations;
   int local_method;
-  int length_iterations;
-  bool repeats;  // all of the above, but for what is kept of a velocity, is as it was in the last frame
+  bool direct_lengths;
+  int length_iterations;  // where not direct
+  bool repeats;           // all of the above, but for what is kept of a velocity, is as it was in the last frame
 };
 
 // What one thread needs beside the blocks, and what it counts.
 template <class Scalar>
 struct Workspace {
-  Scalar* error;    // [vertices]: of edge lengths
-  Scalar* edge;     // [vertices] vectors: method 3, rest edges turned with the head
+  Scalar* error;  // [vertices]: of edge lengths; direct lengths, g
+  Scalar* share;  // [vertices]: direct lengths, b / m
+  Scalar* edge;   // [vertices] vectors: method 3, rest edges turned with the head; direct lengths, u and then what the
+                  // walk adds
+  Scalar* unswept;  // [vertices] vectors: direct lengths, positions before the walk
   Scalar* frame_x;  // [vertices] vectors: method 2, frames before a substep; method 4, x and y along the edges now
   Scalar* frame_y;
   Scalar* twist;                      // [vertices] of two numbers: method 4, from those to the frames

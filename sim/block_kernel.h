@@ -5,6 +5,7 @@
 #include "sim/lanes.h"
 #include "sim/pair.h"
 #include "sim/passes/collide.h"
+#include "sim/passes/direct_length.h"
 #include "sim/passes/edge_length.h"
 #include "sim/passes/frame_scan.h"
 #include "sim/passes/global_shape.h"
@@ -362,6 +363,52 @@ struct BlockStep {
     }
   }
 
+  // One round of direct_length.h.
+  STRANDBAKE_INLINE void solve_lengths() const {
+    const int n = block.vertices;
+    const Real* const rest_length = reals(block.length);
+    Vec* const direction = vectors(workspace.edge);
+    Real* const share = reals(workspace.share);
+    Real* const solved = reals(workspace.error);
+    Vec near = q[1];
+    Vec before = near;  // no direction: its weight is 0
+    Real inverse(Scalar(0)), solved_before(Scalar(0));
+    for (int i = 2; i < n; ++i) {
+      const Vec far = q[i];
+      const Vec edge = far - near;
+      const Real length = segment_length(edge);
+      Vec u = segment_direction(edge, length);
+      Real error = length_error(length, rest_length[i]);
+      Real diagonal = i == 2 ? Real(Scalar(1)) : Real(Scalar(2));
+      if constexpr (Masked) {
+        const Real active = reals(block.active)[i];
+        u = u * active;
+        error = error * active;
+        diagonal = reals(block.free)[i - 1] + reals(block.free)[i] + HELD_COMPLIANCE * (active - reals(block.swept)[i]);
+      }
+      Real b(Scalar(0));
+      if (Masked || i > 2) b = inner(before, u);
+      if constexpr (Masked) b = b * reals(block.free)[i - 1];
+      share[i] = b * inverse;
+      inverse = inverse_pivot(diagonal, b, share[i]);
+      solved_before = (error + b * solved_before) * inverse;
+      solved[i] = solved_before;
+      direction[i] = u;
+      before = u;
+      near = far;
+    }
+    Real lambda(Scalar(0));
+    Vec pull = {lambda, lambda, lambda};  // of the segment after
+    for (int i = n - 1; i >= 2; --i) {
+      lambda = i == n - 1 ? solved[i] : solved[i] + share[i + 1] * lambda;
+      const Vec own = direction[i] * lambda;
+      Vec move = own - pull;
+      if constexpr (Masked) move = move * reals(block.free)[i];
+      q[i] = q[i] - move;
+      pull = own;
+    }
+  }
+
   static STRANDBAKE_INLINE Real smaller(Real a, Real b) { return select(a < b, a, b); }
   static STRANDBAKE_INLINE Real larger(Real a, Real b) { return select(a > b, a, b); }
   struct Box {
@@ -396,9 +443,74 @@ struct BlockStep {
     }
   }
 
+  STRANDBAKE_INLINE Vec where_swept(int i, Vec swept, Vec other) const {
+    if constexpr (Masked) {
+      const auto is_swept = reals(block.swept)[i] > Real(Scalar(0));
+      return {select(is_swept, swept.x, other.x), select(is_swept, swept.y, other.y),
+              select(is_swept, swept.z, other.z)};
+    }
+    return swept;
+  }
+
+  // The walk that makes lengths exact; then, where a sphere may be in reach, once more with the spheres.
+  STRANDBAKE_INLINE void sweep_lengths() const {
+    const int n = block.vertices;
+    const Real* const length = reals(block.length);
+    Vec* const gain = vectors(workspace.edge);
+    Vec* const unswept = vectors(workspace.unswept);
+    const bool boxed = now.sphere_count > 0 && workspace.skip_colliders;
+    const Vec zero = {Real(Scalar(0)), Real(Scalar(0)), Real(Scalar(0))};
+    Vec near = q[1];
+    Vec direction = direction_or(near - q[0], zero);
+    Vec shift = zero;
+    Box box = {near, near};
+    for (int i = 2; i < n; ++i) {
+      const Vec far = q[i];
+      direction = direction_or(far - near, direction);
+      gain[i] = direction * missing_length(far - near, length[i]);
+      shift = where_swept(i, shift + gain[i], zero);
+      near = far;
+      q[i] = far + shift;
+      if (now.sphere_count > 0) unswept[i] = far;
+      if (boxed) box.add(q[i]);
+    }
+    workspace.work.spheres += now.sphere_count;
+    bool touched = now.sphere_count > 0 && !workspace.skip_colliders;
+    for (int s = 0; s < now.sphere_count && !touched; ++s) {
+      const Real radius(now.spheres[4 * s + 3]);
+      touched = any(squared_distance_to_box(box.low, box.high, broadcast(now.spheres + 4 * s)) < radius * radius);
+    }
+    if (!touched) {
+      workspace.work.spheres_out_of_reach += now.sphere_count;
+      return;
+    }
+    shift = zero;
+    for (int i = 2; i < n; ++i) {
+      shift = where_swept(i, shift + gain[i], zero);
+      Vec at = unswept[i] + shift;
+      for (int s = 0; s < now.sphere_count; ++s) {
+        const Vec center = broadcast(now.spheres + 4 * s);
+        const Real radius(now.spheres[4 * s + 3]);
+        if (!any(squared_distance(at, center) < radius * radius)) continue;
+        Vec out = swing_out_of_sphere(at, q[i - 1], length[i], center, radius);
+        if constexpr (Masked) {
+          out = where_swept(i, out, push_out_of_sphere(at, center, radius, reals(block.free)[i]));
+        }
+        shift = where_swept(i, shift + (out - at), zero);
+        at = out;
+      }
+      q[i] = at;
+    }
+  }
+
   STRANDBAKE_INLINE void run(bool first) const {
     integrate_and_pull(Real(first ? region.keep_first : region.keep));
     if (region.local_shape) local_shape();
+    if (region.direct_lengths) {
+      for (int round = 0; round < LENGTH_ROUNDS; ++round) solve_lengths();
+      sweep_lengths();
+      return;
+    }
     for (int iteration = 0; iteration < region.length_iterations; ++iteration) edge_lengths();
     if (now.sphere_count > 0) collide();
   }

@@ -63,7 +63,8 @@ bool asks_the_same(const RegionStep<Scalar>& a, const RegionStep<Scalar>& b) {
   return std::equal(std::begin(a.gravity_h2), std::end(a.gravity_h2), b.gravity_h2) && a.drag_h2 == b.drag_h2 &&
          a.global_stiffness == b.global_stiffness && a.step_ratio2 == b.step_ratio2 &&
          a.half_local_stiffness == b.half_local_stiffness && a.local_iterations == b.local_iterations &&
-         a.local_method == b.local_method && a.length_iterations == b.length_iterations;
+         a.local_method == b.local_method && a.direct_lengths == b.direct_lengths &&
+         a.length_iterations == b.length_iterations;
 }
 
 // Whether no exponent of so many numbers is that of infinity and NaN.
@@ -159,9 +160,9 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
   } else {
     advance_block_ = kernels.advance_double;
   }
-  state_count_ = strands_.lay_out(plan, nullptr);
+  state_count_ = strands_.lay_out(plan, false, nullptr);
   state_ = LargeArray<Scalar>(state_count_);
-  strands_.lay_out(plan, state_.data());
+  strands_.lay_out(plan, false, state_.data());
   const HeadTurn<Scalar> start(head);
   const auto block_count = static_cast<std::ptrdiff_t>(strands_.blocks.size());
   FirstException failure;
@@ -173,7 +174,7 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
 
   // A page or more apart, so that threads share no cache line.
   const std::size_t row = strands_.longest * static_cast<std::size_t>(strands_.width);
-  const std::size_t per_thread = (12 * row + 1023) / 1024 * 1024;
+  const std::size_t per_thread = (16 * row + 1023) / 1024 * 1024;
   const auto threads = static_cast<std::size_t>(options.threads);
   scratch_ = LargeArray<Scalar>(threads * per_thread);
   workspace_.resize(threads);
@@ -184,6 +185,8 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
     workspace_[t].frame_x = base + 4 * row;
     workspace_[t].frame_y = base + 7 * row;
     workspace_[t].twist = base + 10 * row;
+    workspace_[t].share = base + 12 * row;
+    workspace_[t].unswept = base + 13 * row;
     workspace_[t].skip_resting = options.skip.resting;
     workspace_[t].skip_colliders = options.skip.colliders;
   }
@@ -349,9 +352,9 @@ std::unique_ptr<Solver> make_openmp_solver(const Groom& groom, const Plan& plan,
 
 std::size_t openmp_state_bytes(const Groom& groom, const Plan& plan, const SolverOptions& options) {
   if (options.precision == Precision::Double) {
-    return make_blocks<double>(groom, plan, options).lay_out(plan, nullptr) * sizeof(double);
+    return make_blocks<double>(groom, plan, options).lay_out(plan, false, nullptr) * sizeof(double);
   }
-  return make_blocks<float>(groom, plan, options).lay_out(plan, nullptr) * sizeof(float);
+  return make_blocks<float>(groom, plan, options).lay_out(plan, false, nullptr) * sizeof(float);
 }
 
 }  // namespace strandbake

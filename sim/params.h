@@ -40,14 +40,20 @@ void fields(V& v, GlobalShapeParams& p) {
     "How much of the stiffness is gone at the end of the range. 0: none, then a hard end. 1: all of it, linearly.");
 }
 
-// Paper, Algorithm 1 line 9.
+// Directly (passes/direct_length.h), or as the paper's Algorithm 1 line 9.
 struct LengthParams {
-  int iterations = 2;
+  bool direct = true;
+  int iterations = 0;  // where not direct
+
+  static LengthParams iterated(int iterations) { return {false, iterations}; }
 };
 template <class V>
 void fields(V& v, LengthParams& p) {
+  v("direct", p.direct, Switch{}, "",
+    "true: all segments of a strand are solved for at once, and hair that is held by its root does not stretch at "
+    "all.");
   v("iterations", p.iterations, between(0, 1000), "1",
-    "Sweeps of the edge length constraint in a substep, even edges then odd ones. 0 switches the pass off.");
+    "Instead: sweeps of the paper's constraint in a substep, even edges then odd ones. 0 lets lengths go.");
 }
 
 struct RegionParams {
@@ -66,7 +72,7 @@ void fields(V& v, RegionParams& p) {
     "Acceleration by the wind, per m/s of wind across the strand. 0 lets no wind in.");
   v("local", p.local, "Local shape: keeps bends and curls.");
   v("global", p.global, "Global shape: keeps hair near its place on the head.");
-  v("lengths", p.lengths, "Edge lengths.");
+  v("lengths", p.lengths, "Edge lengths: \"direct\", or {iterations = 2} as in the paper.");
 }
 
 struct ForceParams {

@@ -7,7 +7,8 @@ RegionPlan plan_region(std::span<const RegionParams> over_time, bool windy, bool
   RegionPlan plan;
   plan.simulated = first.simulate;
   plan.local_method = first.local.method;
-  plan.edge_lengths = first.lengths.iterations > 0;
+  plan.direct_lengths = first.lengths.direct;
+  plan.edge_lengths = first.lengths.direct || first.lengths.iterations > 0;
   for (const RegionParams& params : over_time) {
     plan.wind |= (windy && params.drag > 0) || !skip_idle;
     plan.global_shape |= (params.global.stiffness > 0 || !skip_idle) && first.global.range > 0;

@@ -198,7 +198,7 @@ StrandBlocks<Scalar>::StrandBlocks(const Groom& groom, const Plan& plan, int str
 }
 
 template <class Scalar>
-std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, Scalar* base) {
+std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, bool on_device, Scalar* base) {
   const std::size_t w = static_cast<std::size_t>(width);
   std::size_t used = 0;
   const auto take = [&](Scalar*& array, std::size_t count) {
@@ -218,6 +218,7 @@ std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, Scalar* base) {
     }
     take(b.previous, 3 * n * w);
     const bool frames = region.local_shape && region.local_method != 3;
+    const bool direct = region.edge_lengths && region.direct_lengths;
     const bool all_rest = b.masked || (region.local_shape && region.local_method == 3);
     b.rest_vertices = all_rest ? b.vertices : std::max(2, b.global_end);
     take(b.rest, 3 * static_cast<std::size_t>(b.rest_vertices) * w);
@@ -230,6 +231,8 @@ std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, Scalar* base) {
     take(b.fade, static_cast<std::size_t>(b.global_end) * w);
     take(b.free, b.masked ? n * w : 0);
     take(b.active, b.masked ? n * w : 0);
+    take(b.swept, b.masked && direct ? n * w : 0);
+    take(b.elimination, direct && on_device ? 2 * n * w : 0);
     take(b.wind_weight, region.wind ? 4 * w : 0);
   }
   return used;
@@ -306,6 +309,13 @@ void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
         store_number(b.active, i, lane, static_cast<Scalar>(i < own ? 1 : 0));
       }
     }
+    if (b.swept != nullptr) {
+      bool pinned_after = false;
+      for (std::size_t i = own; i-- > 2;) {
+        pinned_after |= !groom.pinned.empty() && groom.pinned[groom.offset[s] + i] != 0;
+        store_number(b.swept, i, lane, static_cast<Scalar>(pinned_after || !region.simulated ? 0 : 1));
+      }
+    }
     if (b.wind_weight != nullptr) {
       const auto weight = wind_weights(s);
       for (std::size_t j = 0; j < weight.size(); ++j)
@@ -335,6 +345,7 @@ RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& pla
   step.local_shape = runs(plan.local_shape, step.half_local_stiffness);
   step.local_iterations = params.local.iterations;
   step.local_method = params.local.method;
+  step.direct_lengths = plan.edge_lengths && params.lengths.direct;
   step.length_iterations = params.lengths.iterations;
   return step;
 }
@@ -348,7 +359,8 @@ void check_against_plan(const Plan& plan, const FrameInput& input) {
     const RegionParams& params = input.regions[r];
     const RegionPlan& planned = plan.regions[r];
     fits = (planned.wind || input.wind.empty() || params.drag <= 0) &&
-           (planned.edge_lengths || params.lengths.iterations <= 0) &&
+           ((planned.edge_lengths && planned.direct_lengths == params.lengths.direct) ||
+            (!params.lengths.direct && params.lengths.iterations <= 0)) &&
            ((planned.local_shape && planned.local_method == params.local.method) || params.local.stiffness <= 0 ||
             params.local.iterations <= 0);
   }

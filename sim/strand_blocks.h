@@ -87,8 +87,9 @@ struct StrandBlocks {
   // have.
   StrandBlocks(const Groom& groom, const Plan& plan, int strands_in_a_block, int threads, const Skip& skip);
 
-  // Hands out memory from `base` on; returns how many numbers that takes. nullptr: only counts.
-  std::size_t lay_out(const Plan& plan, Scalar* base);
+  // Hands out memory from `base` on; returns how many numbers that takes. nullptr: only counts. `on_device`: with what
+  // a device has no workspace for.
+  std::size_t lay_out(const Plan& plan, bool on_device, Scalar* base);
 
   // Writes the rest state of the strands of one block, and puts them at rest on the head.
   void fill(const Groom& groom, const Plan& plan, const HeadTurn<Scalar>& head, const Placed<Scalar>& placed) const;

@@ -52,7 +52,7 @@ constexpr Feature kFeatures[] = {
      "global = {range = 0}\n"},
     {"local shape", "region", "local = {stiffness = 0.9, iterations = 3, method = 1}\n",
      "local = {stiffness = 0, iterations = 3, method = 1}\n", "local = {iterations = 0}\n"},
-    {"edge lengths", "region", "lengths = {iterations = 2}\n", "lengths = {iterations = 0}\n",
+    {"direct lengths", "region", "lengths = \"direct\"\n", "lengths = {iterations = 0}\n",
      "lengths = {iterations = 0}\n"},
     {"6 spheres in the hair", "", kSpheres, "", ""},
     {"6 spheres out of reach", "", kFarSpheres, "", ""},

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "sim/passes/direct_length.h"
+
 namespace strandbake {
 
 Work Work::operator+(const Work& other) const {
@@ -58,6 +60,13 @@ Work edge_lengths() {
   return {1, 0, 22, 1, 1};
 }
 
+Work direct_lengths() {
+  // Reads L. A round: edge 3, length 6, direction 3, error 1, b 5, share 1, pivot 3, solved 3, lambda 2, pull 3,
+  // move 6. The walk: edge 3, direction 8, step 6.
+  const Work round = {0, 0, 36, 2, 1};
+  return Work{1, 0, 17, 1, 1} + round.repeated(LENGTH_ROUNDS);
+}
+
 Work sphere() {
   // What it takes to know that a vertex is outside: distance 3 + 5, comparison 1. Few are inside.
   return {0, 0, 9, 0, 0};
@@ -84,7 +93,10 @@ Work work_of(const Workload& workload) {
     sum = sum + Work{in_range.read * share, 0, in_range.operations * share, in_range.divisions * share, 0};
   }
   if (plan.local_shape) sum = sum + work::local_shape(plan.local_method, params.local.iterations);
-  if (plan.edge_lengths) sum = sum + work::edge_lengths().repeated(params.lengths.iterations);
+  if (plan.edge_lengths) {
+    sum =
+        sum + (plan.direct_lengths ? work::direct_lengths() : work::edge_lengths().repeated(params.lengths.iterations));
+  }
   return sum + work::sphere().repeated(workload.spheres);
 }
 

@@ -26,7 +26,7 @@ RegionParams everything(int method) {
   RegionParams params;
   params.local = {0.9, kIterations, method};
   params.global = {0.02, 1, 0.5};
-  params.lengths.iterations = kIterations;
+  params.lengths = LengthParams::iterated(kIterations);
   return params;
 }
 
@@ -55,10 +55,15 @@ class Plans {
           of(without, true, 3), work::local_shape(method, kIterations).repeated(1.0 / kIterations));
     }
     params = nothing_but_integration();
-    params.lengths.iterations = kIterations;
+    params.lengths = LengthParams::iterated(kIterations);
     without = everything(1);
-    without.lengths.iterations = 0;
+    without.lengths = LengthParams::iterated(0);
     row("edge lengths", kIterations, of(params, false, 0), 1, of(without, true, 3), work::edge_lengths());
+    params.lengths = {};
+    RegionParams direct = everything(1);
+    direct.lengths = {};
+    rows.push_back({"direct lengths", 1, add(of(params, false, 0)), integration, add(of(direct, true, 3)),
+                    add(of(without, true, 3)), work::direct_lengths()});
     const std::size_t no_spheres = add(of(everything(1), true, 0));
     for (int spheres = 1; spheres <= kMostSpheres; ++spheres) {
       rows.push_back({fmt::format("collisions, {} sphere{}", spheres, spheres == 1 ? "" : "s"), 1,

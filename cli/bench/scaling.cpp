@@ -29,7 +29,7 @@ Workload workload_of(std::shared_ptr<const Groom> groom, int method, int substep
   workload.params.drag = 0;
   workload.params.local = {0.9, 4, method};
   workload.params.global = {0.02, 0.5, 0};
-  workload.params.lengths.iterations = 3;
+  workload.params.lengths = LengthParams::iterated(3);
   workload.spheres = 3;
   workload.substeps = substeps;
   return workload;

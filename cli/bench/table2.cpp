@@ -41,7 +41,7 @@ Workload workload_of(const Row& row, std::shared_ptr<const Groom> groom) {
   workload.params.drag = 0;
   workload.params.local = {0.9, row.local_iterations, row.method};
   workload.params.global = {0.02, 0.5, 0};
-  workload.params.lengths.iterations = row.length_iterations;
+  workload.params.lengths = LengthParams::iterated(row.length_iterations);
   workload.spheres = 3;  // as in Table 1
   return workload;
 }

@@ -65,7 +65,7 @@ RegionParams nothing_but_integration() {
   params.drag = 0;
   params.local.iterations = 0;
   params.global.stiffness = 0;
-  params.lengths.iterations = 0;
+  params.lengths = LengthParams::iterated(0);
   return params;
 }
 

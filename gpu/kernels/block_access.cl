@@ -1,7 +1,7 @@
 // How kernels reach the state of a block. WIDTH strands lie side by side: number k of a row belongs to lane k.
 //
 // Constants of the program, from the plan: REAL, REAL3, WIDTH, ITEM_GROUP, VERTEX_GROUP; HAS_MASKED, HAS_RIDES, HAS_WIND,
-// HAS_GLOBAL_SHAPE, HAS_LOCAL_SHAPE, HAS_EDGE_LENGTHS, HAS_SPHERES where anything uses the pass; LOCAL_METHOD where all
+// HAS_GLOBAL_SHAPE, HAS_LOCAL_SHAPE, HAS_EDGE_LENGTHS (iterated), HAS_DIRECT_LENGTHS, HAS_SPHERES where anything uses the pass; LOCAL_METHOD where all
 // regions with a strand per work-item agree on it; VERTICES_METHOD_..., see vertex_per_item.cl, for what is in use.
 
 #define ROW (3 * WIDTH)
@@ -18,6 +18,9 @@ static void write3(__global Real* lane, uint i, Real3 v) {
 }
 static Real read1(const __global Real* lane, uint i) {
   return lane[(size_t)i * WIDTH];
+}
+static void write1(__global Real* lane, uint i, Real v) {
+  lane[(size_t)i * WIDTH] = v;
 }
 static Real3 triple(const __global Real* v) {
   return (Real3)(v[0], v[1], v[2]);
@@ -57,3 +60,129 @@ static Real3 wind_of(const __global Real* substep, const __global Real* weight_l
   }
   return wind;
 }
+
+// Who is free in a masked block, and which segments exist; without it, all but the first two vertices, and all segments.
+typedef struct {
+  const __global Real *free, *active, *swept;
+  bool masked;
+} Weights;
+
+static Weights weights_of(const __global Real* state, BlockRow block, uint lane) {
+  Weights weights;
+  weights.free = state + block.free + lane;
+  weights.active = state + block.active + lane;
+  weights.swept = state + block.swept + lane;
+  weights.masked = block.masked != 0;
+  return weights;
+}
+
+// A constraint between two vertices, with its corrections d for free ones.
+static void part(Weights weights, uint i, Real3 d, Real3* near, Real3* far) {
+#ifdef HAS_MASKED
+  if (weights.masked) {
+    d = d * read1(weights.active, i);
+    *near = *near - d * read1(weights.free, i - 1);
+    *far = *far + d * read1(weights.free, i);
+    return;
+  }
+#endif
+  if (i > 2) *near = *near - d;
+  *far = *far + d;
+}
+
+static Real free_weight(Weights weights, uint i) {
+#ifdef HAS_MASKED
+  if (weights.masked) return read1(weights.free, i);
+#endif
+  return i < 2 ? (Real)0 : (Real)1;
+}
+
+#ifdef HAS_EDGE_LENGTHS
+// The iterated constraint on segment i.
+static void hold_length(Weights weights, uint i, Real rest_length, Real3* near, Real3* far) {
+  const Real3 edge = *far - *near;
+  const Real w0 = free_weight(weights, i - 1), w1 = free_weight(weights, i);
+  Real error = relative_length_error(edge, rest_length);
+#ifdef HAS_MASKED
+  if (weights.masked) error = error * read1(weights.active, i);
+#endif
+  *near = *near + edge * (error * edge_share(w0, w1));
+  *far = *far - edge * (error * edge_share(w1, w0));
+}
+#endif
+
+#ifdef HAS_DIRECT_LENGTHS
+// Segment i in the equations of passes/direct_length.h.
+typedef struct {
+  Real3 direction;
+  Real error, diagonal;
+} Segment;
+
+static Segment segment_of(Weights weights, uint i, Real rest_length, Real3 near, Real3 far) {
+  Segment segment;
+  const Real3 edge = far - near;
+  const Real length = segment_length(edge);
+  segment.direction = segment_direction(edge, length);
+  segment.error = length_error(length, rest_length);
+  segment.diagonal = i == 2 ? (Real)1 : (Real)2;
+#ifdef HAS_MASKED
+  if (weights.masked) {
+    const Real active = read1(weights.active, i);
+    segment.direction = segment.direction * active;
+    segment.error = segment.error * active;
+    segment.diagonal = read1(weights.free, i - 1) + read1(weights.free, i) +
+                       HELD_COMPLIANCE * (active - read1(weights.swept, i));
+  }
+#endif
+  return segment;
+}
+
+static bool is_swept(Weights weights, uint i) {
+#ifdef HAS_MASKED
+  if (weights.masked) return read1(weights.swept, i) > (Real)0;
+#endif
+  return true;
+}
+
+// Where the exact walk stands.
+typedef struct {
+  Real3 near;       // vertex i - 1 as the rounds have left it
+  Real3 at;         // and where it is now
+  Real3 direction;  // of the segment before it
+  Real3 shift;      // of what follows
+} Walk;
+
+static Walk walk_from(Real3 root, Real3 first) {
+  Walk walk;
+  walk.near = walk.at = first;
+  walk.shift = (Real3)(0);
+  walk.direction = direction_or(first - root, walk.shift);
+  return walk;
+}
+
+// On to vertex i, which the rounds have left at `far`; clear of the spheres.
+static Walk walk_on(Walk walk, Weights weights, uint i, Real rest_length, Real3 far, const __global Real* spheres,
+                    int sphere_count) {
+  const bool swept = is_swept(weights, i);
+  const Real3 edge = far - walk.near;
+  const Real3 before = walk.at;
+  walk.direction = direction_or(edge, walk.direction);
+  walk.shift = walk.shift + walk.direction * missing_length(edge, rest_length);
+  if (!swept) walk.shift = (Real3)(0);
+  walk.near = far;
+  Real3 at = far + walk.shift;
+#ifdef HAS_SPHERES
+  for (int k = 0; k < sphere_count; ++k) {
+    const __global Real* const sphere = spheres + 4 * k;
+    const Real3 center = triple(sphere);
+    if (!(squared_distance(at, center) < sphere[3] * sphere[3])) continue;
+    const Real3 out = swept ? swing_out_of_sphere(at, before, rest_length, center, sphere[3])
+                            : push_out_of_sphere(at, center, sphere[3], free_weight(weights, i));
+    if (swept) walk.shift = walk.shift + (out - at);
+    at = out;
+  }
+#endif
+  walk.at = at;
+  return walk;
+}
+#endif

@@ -18,7 +18,16 @@ enum RegionReal {
   kHalfLocalStiffness,
   kRegionReals
 };
-enum RegionInt { kWind, kGlobalShape, kLocalShape, kLocalMethod, kLocalIterations, kLengthIterations, kRegionInts };
+enum RegionInt {
+  kWind,
+  kGlobalShape,
+  kLocalShape,
+  kLocalMethod,
+  kLocalIterations,
+  kDirectLengths,
+  kLengthIterations,
+  kRegionInts
+};
 
 // Substep (sim/block.h).
 enum SubstepReal { kRotation = 0, kMoves = 9, kMovedBefore = 12, kWindVelocity = 15, kSubstepReals = 27 };
@@ -29,7 +38,7 @@ enum SubstepInt { kSphereBegin, kSphereCount, kSubstepInts };
 typedef struct {
   uint vertices, region, masked, rides, global_end;
   uint position, previous, rest, root_frame, local_edge, remainder, frame_x, frame_y;
-  uint length, fade, free, active, wind_weight;
+  uint length, fade, free, active, swept, elimination, wind_weight;
 } BlockRow;
 
 // Where the strand of a lane goes in the output.

@@ -3,24 +3,49 @@
 //
 // `which`: the blocks to run, WIDTH work-items each.
 
-// A constraint between two vertices; in a masked block weights say who is free and which segments exist.
-typedef struct {
-  const __global Real *free, *active;
-  bool masked;
-} Weights;
-
-static void part(Weights weights, uint i, Real3 d, Real3* near, Real3* far) {
-#ifdef HAS_MASKED
-  if (weights.masked) {
-    d = d * read1(weights.active, i);
-    *near = *near - d * read1(weights.free, i - 1);
-    *far = *far + d * read1(weights.free, i);
-    return;
+#ifdef HAS_DIRECT_LENGTHS
+// One round of passes/direct_length.h. `elimination`: b / m and g of each vertex.
+static void solve_lengths(Weights weights, uint n, const __global Real* rest_length, __global Real* elimination,
+                          __global Real* q) {
+  Real3 near = read3(q, 1);
+  Real3 before = near;  // no direction: its weight is 0
+  Real inverse = 0, solved = 0;
+  for (uint i = 2; i < n; ++i) {
+    const Real3 far = read3(q, i);
+    const Segment segment = segment_of(weights, i, read1(rest_length, i), near, far);
+    const Real b = inner(before, segment.direction) * free_weight(weights, i - 1);
+    const Real share = b * inverse;
+    inverse = inverse_pivot(segment.diagonal, b, share);
+    solved = (segment.error + b * solved) * inverse;
+    write1(elimination, 2 * i, share);
+    write1(elimination, 2 * i + 1, solved);
+    before = segment.direction;
+    near = far;
   }
-#endif
-  if (i > 2) *near = *near - d;
-  *far = *far + d;
+  Real lambda = 0;
+  Real3 pull = (Real3)(0);  // of the segment after
+  Real3 far = read3(q, n - 1);
+  for (uint i = n - 1; i >= 2; --i) {
+    near = read3(q, i - 1);
+    const Real solved_here = read1(elimination, 2 * i + 1);
+    lambda = i == n - 1 ? solved_here : solved_here + read1(elimination, 2 * i + 2) * lambda;
+    const Real3 own = segment_of(weights, i, (Real)0, near, far).direction * lambda;
+    write3(q, i, far - (own - pull) * free_weight(weights, i));
+    pull = own;
+    far = near;
+  }
 }
+
+// The exact walk, clear of the spheres.
+static void sweep_lengths(Weights weights, uint n, const __global Real* rest_length, __global Real* q,
+                          const __global Real* spheres, int sphere_count) {
+  Walk walk = walk_from(read3(q, 0), read3(q, 1));
+  for (uint i = 2; i < n; ++i) {
+    walk = walk_on(walk, weights, i, read1(rest_length, i), read3(q, i), spheres, sphere_count);
+    write3(q, i, walk.at);
+  }
+}
+#endif
 
 __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_strands(
     __global Real* state, const __global BlockRow* blocks, const __global uint* which, uint which_count,
@@ -50,7 +75,7 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
   }
   const __global Real* const region = region_reals + block.region * kRegionReals;
   const __global int* const counts = region_ints + block.region * kRegionInts;
-  const Weights weights = {state + block.free + lane, state + block.active + lane, block.masked != 0};
+  const Weights weights = weights_of(state, block, lane);
 
   for (uint s = 0; s < substep_count; ++s) {
     const __global Real* const substep = substep_reals + s * kSubstepReals;
@@ -163,36 +188,35 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
       const __global Real* const length_of = state + block.length + lane;
       for (uint batch = 2; batch <= 3; ++batch) {
         for (uint i = batch; i < n; i += 2) {
-          const Real3 near = read3(q, i - 1);
-          const Real3 far = read3(q, i);
-          const Real3 edge = far - near;
-          Real error = relative_length_error(edge, read1(length_of, i));
-          Real w0 = i > 2 ? (Real)1 : (Real)0, w1 = (Real)1;
-#ifdef HAS_MASKED
-          if (weights.masked) {
-            error = error * read1(weights.active, i);
-            w0 = read1(weights.free, i - 1);
-            w1 = read1(weights.free, i);
-          }
-#endif
-          if (w0 > (Real)0) write3(q, i - 1, near + edge * (error * edge_share(w0, w1)));
-          write3(q, i, far - edge * (error * edge_share(w1, w0)));
+          Real3 near = read3(q, i - 1);
+          Real3 far = read3(q, i);
+          hold_length(weights, i, read1(length_of, i), &near, &far);
+          if (i > 2) write3(q, i - 1, near);
+          write3(q, i, far);
         }
       }
     }
 #endif
 
+    const __global Real* const spheres_now = spheres + 4 * substep_ints[s * kSubstepInts + kSphereBegin];
+    const int sphere_count = substep_ints[s * kSubstepInts + kSphereCount];
+#ifdef HAS_DIRECT_LENGTHS
+    if (counts[kDirectLengths]) {
+      const __global Real* const length_of = state + block.length + lane;
+      for (int round = 0; round < LENGTH_ROUNDS && n > 2; ++round) {
+        solve_lengths(weights, n, length_of, state + block.elimination + lane, q);
+      }
+      sweep_lengths(weights, n, length_of, q, spheres_now, sphere_count);
+    }
+#endif
+
 #ifdef HAS_SPHERES
-    for (int k = 0; k < substep_ints[s * kSubstepInts + kSphereCount]; ++k) {
-      const __global Real* const sphere = spheres + 4 * (substep_ints[s * kSubstepInts + kSphereBegin] + k);
+    for (int k = 0; k < sphere_count && !counts[kDirectLengths]; ++k) {
+      const __global Real* const sphere = spheres_now + 4 * k;
       for (uint i = 2; i < n; ++i) {
         const Real3 at = read3(q, i);
         if (!(squared_distance(at, triple(sphere)) < sphere[3] * sphere[3])) continue;
-        Real is_free = (Real)1;
-#ifdef HAS_MASKED
-        if (weights.masked) is_free = read1(weights.free, i);
-#endif
-        write3(q, i, push_out_of_sphere(at, triple(sphere), sphere[3], is_free));
+        write3(q, i, push_out_of_sphere(at, triple(sphere), sphere[3], free_weight(weights, i)));
       }
     }
 #endif

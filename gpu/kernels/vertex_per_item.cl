@@ -7,7 +7,7 @@
 // long for it; NAME(x) tells the results apart. A barrier stands under no condition but those of loops, so that all items
 // come to it and compilers need not wonder.
 // `shared` holds rows of 3 WIDTH numbers for each of `capacity` vertices: p, q, with methods 2 and 4 x and y of the frames,
-// and with method 4 the products of the scan. `shared_stride`: numbers from one group's to the next's.
+// and one more with method 4, for the products of the scan, and where lengths are solved directly. `shared_stride`: numbers from one group's to the next's.
 
 static Real3 NAME(read_shared)(const SHARED Real* lane, uint i) {
   lane += (size_t)i * ROW;
@@ -50,22 +50,18 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
   SHARED Real* const shared = shared_base + get_group_id(0) * (size_t)shared_stride + lane;
   SHARED Real* p = shared;
   SHARED Real* q = shared + (size_t)capacity * ROW;
-#if METHOD == 4
-  SHARED Real* const twist = shared + (size_t)4 * capacity * ROW;
-#endif
 #if METHOD == 2 || METHOD == 4
   SHARED Real* const frame_x = shared + (size_t)2 * capacity * ROW;
   SHARED Real* const frame_y = shared + (size_t)3 * capacity * ROW;
+  SHARED Real* const more = shared + (size_t)4 * capacity * ROW;
+#else
+  SHARED Real* const more = shared + (size_t)2 * capacity * ROW;
 #endif
   __global Real* const p_state = state + (swapped ? block.previous : block.position) + lane;
   __global Real* const q_state = state + (swapped ? block.position : block.previous) + lane;
   const __global Real* const region = region_reals + block.region * kRegionReals;
   const __global int* const counts = region_ints + block.region * kRegionInts;
-  const __global Real* const is_free = state + block.free + lane;
-  const __global Real* const is_active = state + block.active + lane;
-#ifdef HAS_MASKED
-  const bool masked = block.masked;
-#endif
+  const Weights weights = weights_of(state, block, lane);
 #if METHOD == 2 || METHOD == 4
   const uint chunks = (n + rows - 1) / rows;
 #endif
@@ -111,7 +107,7 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
         }
 #endif
 #ifdef HAS_MASKED
-        if (masked && !(read1(is_free, i) > (Real)0)) moved = turn_with(head, read3(rest, i));
+        if (weights.masked && !(read1(weights.free, i) > (Real)0)) moved = turn_with(head, read3(rest, i));
 #endif
         NAME(write_shared)(q, i, moved);
       }
@@ -152,7 +148,7 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
           before.y = NAME(read_shared)(frame_y, i - 1);
           here.x = NAME(read_shared)(frame_x, i);
           here.y = NAME(read_shared)(frame_y, i);
-          NAME(write_twist)(twist, i, twist_between(before, here));
+          NAME(write_twist)(more, i, twist_between(before, here));
         }
         SHARED_BARRIER;
         // From the tip, so that each round sees what the one before it has left.
@@ -162,9 +158,9 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
             const bool turns = i >= 2 + d && i < n;
             Twist product;
             product.re = product.im = (Real)0;
-            if (turns) product = twist_product(NAME(read_twist)(twist, i), NAME(read_twist)(twist, i - d));
+            if (turns) product = twist_product(NAME(read_twist)(more, i), NAME(read_twist)(more, i - d));
             SHARED_BARRIER;
-            if (turns) NAME(write_twist)(twist, i, product);
+            if (turns) NAME(write_twist)(more, i, product);
             SHARED_BARRIER;
           }
         }
@@ -173,7 +169,7 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
           Frame along;
           along.x = NAME(read_shared)(frame_x, i);
           along.y = NAME(read_shared)(frame_y, i);
-          NAME(write_shared)(frame_y, i, twisted_frame(along, NAME(read_twist)(twist, i)).y);
+          NAME(write_shared)(frame_y, i, twisted_frame(along, NAME(read_twist)(more, i)).y);
         }
         SHARED_BARRIER;
 #endif
@@ -182,24 +178,14 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
             Real3 near = NAME(read_shared)(q, i - 1);
             Real3 far = NAME(read_shared)(q, i);
 #if METHOD == 3  // Algorithm 5
-            Real3 d = (turn_with(head, read3(rest, i) - read3(rest, i - 1)) - (far - near)) * half_stiffness;
+            const Real3 d = (turn_with(head, read3(rest, i) - read3(rest, i - 1)) - (far - near)) * half_stiffness;
 #else  // Algorithm 4, with frames of the iteration before or of this one
             Frame frame;
             frame.x = NAME(read_shared)(frame_x, i - 1);
             frame.y = NAME(read_shared)(frame_y, i - 1);
-            Real3 d = local_shape_error(frame, read3(local_edge, i), read3(remainder, i), far - near) * half_stiffness;
+            const Real3 d = local_shape_error(frame, read3(local_edge, i), read3(remainder, i), far - near) * half_stiffness;
 #endif
-#ifdef HAS_MASKED
-            if (masked) {
-              d = d * read1(is_active, i);
-              near = near - d * read1(is_free, i - 1);
-              far = far + d * read1(is_free, i);
-            } else
-#endif
-            {
-              if (i > 2) near = near - d;
-              far = far + d;
-            }
+            part(weights, i, d, &near, &far);
             NAME(write_shared)(q, i - 1, near);
             NAME(write_shared)(q, i, far);
           }
@@ -231,37 +217,89 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
     for (int iteration = 0; iteration < counts[kLengthIterations]; ++iteration) {
       for (uint batch = 2; batch <= 3; ++batch) {
         for (uint i = batch + 2 * row; i < n; i += 2 * rows) {
-          const Real3 near = NAME(read_shared)(q, i - 1);
-          const Real3 far = NAME(read_shared)(q, i);
-          const Real3 edge = far - near;
-          Real error = relative_length_error(edge, read1(state + block.length + lane, i));
-          Real w0 = i > 2 ? (Real)1 : (Real)0, w1 = (Real)1;
-#ifdef HAS_MASKED
-          if (masked) {
-            error = error * read1(is_active, i);
-            w0 = read1(is_free, i - 1);
-            w1 = read1(is_free, i);
-          }
-#endif
-          if (w0 > (Real)0) NAME(write_shared)(q, i - 1, near + edge * (error * edge_share(w0, w1)));
-          NAME(write_shared)(q, i, far - edge * (error * edge_share(w1, w0)));
+          Real3 near = NAME(read_shared)(q, i - 1);
+          Real3 far = NAME(read_shared)(q, i);
+          hold_length(weights, i, read1(state + block.length + lane, i), &near, &far);
+          if (i > 2) NAME(write_shared)(q, i - 1, near);
+          NAME(write_shared)(q, i, far);
         }
         SHARED_BARRIER;
       }
     }
 #endif
 
+    const __global Real* const spheres_now = spheres + 4 * substep_ints[s * kSubstepInts + kSphereBegin];
+    const int sphere_count = substep_ints[s * kSubstepInts + kSphereCount];
+#ifdef HAS_DIRECT_LENGTHS
+    // What runs along a strand, one item does for it; all else is done by vertex.
+    const __global Real* const length_of = state + block.length + lane;
+    const int rounds = counts[kDirectLengths] ? LENGTH_ROUNDS : 0;
+    for (int round = 0; round < rounds; ++round) {
+      for (uint i = row; i < n; i += rows) {
+        if (i < 2) continue;
+        const Real3 near = NAME(read_shared)(q, i - 1);
+        const Segment segment = segment_of(weights, i, read1(length_of, i), near, NAME(read_shared)(q, i));
+        Real b = 0;
+        if (i > 2) {
+          b = inner(segment_of(weights, i - 1, (Real)0, NAME(read_shared)(q, i - 2), near).direction,
+                    segment.direction) *
+              free_weight(weights, i - 1);
+        }
+        NAME(write_shared)(more, i, (Real3)(segment.error, segment.diagonal, b));
+      }
+      SHARED_BARRIER;
+      if (row == 0) {
+        Real inverse = 0, solved = 0;
+        for (uint i = 2; i < n; ++i) {
+          const Real3 equation = NAME(read_shared)(more, i);
+          const Real share = equation.z * inverse;
+          inverse = inverse_pivot(equation.y, equation.z, share);
+          solved = (equation.x + equation.z * solved) * inverse;
+          NAME(write_shared)(more, i, (Real3)(solved, share, (Real)0));
+        }
+        Real share_after = 0;
+        Real lambda = 0;
+        for (uint i = n - 1; i >= 2; --i) {
+          const Real3 equation = NAME(read_shared)(more, i);
+          lambda = i == n - 1 ? equation.x : equation.x + share_after * lambda;
+          share_after = equation.y;
+          NAME(write_shared)(more, i, (Real3)(lambda));
+        }
+      }
+      SHARED_BARRIER;
+      for (uint i = row; i < n; i += rows) {
+        if (i < 2) continue;
+        const Real3 direction =
+            segment_of(weights, i, (Real)0, NAME(read_shared)(q, i - 1), NAME(read_shared)(q, i)).direction;
+        NAME(write_shared)(more, i, direction * NAME(read_shared)(more, i).x);
+      }
+      SHARED_BARRIER;
+      for (uint i = row; i < n; i += rows) {
+        if (i < 2) continue;
+        const Real3 pull = i == n - 1 ? (Real3)(0) : NAME(read_shared)(more, i + 1);
+        const Real3 move = (NAME(read_shared)(more, i) - pull) * free_weight(weights, i);
+        NAME(write_shared)(q, i, NAME(read_shared)(q, i) - move);
+      }
+      SHARED_BARRIER;
+    }
+    if (row == 0 && counts[kDirectLengths]) {
+      Walk walk = walk_from(NAME(read_shared)(q, 0), NAME(read_shared)(q, 1));
+      for (uint i = 2; i < n; ++i) {
+        walk = walk_on(walk, weights, i, read1(length_of, i), NAME(read_shared)(q, i), spheres_now, sphere_count);
+        NAME(write_shared)(q, i, walk.at);
+      }
+    }
+    SHARED_BARRIER;
+#endif
+
 #ifdef HAS_SPHERES
+    const int spheres_apart = counts[kDirectLengths] ? 0 : sphere_count;
     for (uint i = row; i < n; i += rows) {
       if (i < 2) continue;
       Real3 at = NAME(read_shared)(q, i);
-      Real free_here = (Real)1;
-#ifdef HAS_MASKED
-      if (masked) free_here = read1(is_free, i);
-#endif
-      for (int k = 0; k < substep_ints[s * kSubstepInts + kSphereCount]; ++k) {
-        const __global Real* const sphere = spheres + 4 * (substep_ints[s * kSubstepInts + kSphereBegin] + k);
-        at = push_out_of_sphere(at, triple(sphere), sphere[3], free_here);
+      for (int k = 0; k < spheres_apart; ++k) {
+        const __global Real* const sphere = spheres_now + 4 * k;
+        at = push_out_of_sphere(at, triple(sphere), sphere[3], free_weight(weights, i));
       }
       NAME(write_shared)(q, i, at);
     }

@@ -170,7 +170,8 @@ def test_zero_length_segments_are_simulated_with_a_warning_that_counts_them(shot
     points[4, 1:] = points[4, 0]  # all of a strand in one place
     write_hair(shot / "a.hair", list(points))
     for method in (1, 2, 3, 4):
-        shot.scene(f'[[region]]\nname = "r"\nlocal = {{method = {method}}}\nglobal = {{stiffness = 0}}\n', frames="1-8")
+        shot.scene(f'[[region]]\nname = "r"\nlocal = {{method = {method}}}\nglobal = {{stiffness = 0}}\n'
+                   "[forces]\ngravity = [4, -9, 0]\n", frames="1-8")
         run = shot.run("bake", "scene.toml", "--force", "--quiet")
         assert run.code == GOOD and run.out == ""
         assert re.fullmatch(r"strandbake: warning: .*a\.hair: 6 segments .* strand 2\n", run.err)

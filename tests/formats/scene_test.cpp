@@ -270,6 +270,7 @@ stats = false
   CHECK(tail.params.base.global.range == 0.5);
   CHECK(tail.params.base.global.fade == 0.75);
   CHECK(tail.params.base.lengths.iterations == 7);
+  CHECK_FALSE(tail.params.base.lengths.direct);
   CHECK(scene.regions[1].name == "rest");
   CHECK(!scene.regions[1].strands.box);
   REQUIRE(scene.colliders.size() == 1);
@@ -630,6 +631,33 @@ TEST_CASE("overrides go through the same checks as the scene") {
   CHECK(read_good(groom, {"bake.frames=7"}).last_frame == 7);
 }
 
+TEST_CASE("lengths are solved directly unless iterations are asked for") {
+  const auto lengths = [](const std::string& value, const std::vector<std::string>& overrides = {}) {
+    return read_good(groom + "[[region]]\nname = \"a\"\n" + value, overrides).regions[0].params.base.lengths;
+  };
+  for (const char* direct :
+       {"", "lengths = \"direct\"", "lengths = {}", "lengths.direct = true", "lengths = {direct = true}"}) {
+    CHECK(lengths(direct).direct);
+    CHECK(lengths(direct).iterations == 0);
+  }
+  for (const char* two :
+       {"lengths = {iterations = 2}", "lengths.iterations = 2", "lengths = {direct = false, iterations = 2}"}) {
+    CHECK_FALSE(lengths(two).direct);
+    CHECK(lengths(two).iterations == 2);
+  }
+  CHECK_FALSE(lengths("lengths = {iterations = 0}").direct);
+  CHECK(lengths("lengths = {iterations = 2}", {"region.a.lengths=direct"}).direct);
+  CHECK(lengths("", {"region.a.lengths={iterations = 3}"}).iterations == 3);
+  const auto fault = [](const std::string& value, const std::string& at, const std::vector<std::string>& words) {
+    check_fault(groom + "[[region]]\nname = \"a\"\n" + value, at, words);
+  };
+  fault("lengths = \"straight\"\n", "5:11",
+        {"\"region[0].lengths\" is the text \"straight\"", "\"direct\" or a table", "{iterations = 2}"});
+  fault("lengths = 2\n", "5:11", {"must be \"direct\" or a table"});
+  fault("lengths = {direct = true, iterations = 2}\n", "5:40",
+        {"\"region[0].lengths.iterations\" is 2", "leave out one"});
+}
+
 TEST_CASE("a scene without regions can have its only one overridden") {
   for (const char* override : {"region.hair.damping=0.2", "region[0].damping=0.2"}) {
     const Scene scene = read_good(groom, {override});
@@ -858,7 +886,8 @@ region[0].local.method = 1
 region[0].global.stiffness = 0.1
 region[0].global.range = 0.3
 region[0].global.fade = 1
-region[0].lengths.iterations = 2
+region[0].lengths.direct = true
+region[0].lengths.iterations = 0
 collider[0].sphere.center = {1 = [0, 1, 2]}
 collider[0].sphere.radius = 0.1
 collider[0].space = "world"

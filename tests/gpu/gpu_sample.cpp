@@ -39,9 +39,10 @@ int last_method() {
   return visitor.last;
 }
 
-// A region without local shape, one for each method, and one that rides on the head.
+// Regions without local shape and with each method, with both ways to hold lengths, and one that rides on the head.
 Shot sample_shot() {
-  const int simulated = 1 + last_method();
+  const int methods = 1 + last_method();
+  const int simulated = 2 * methods;
   Shot shot;
   Random random(5);
   for (int r = 0; r <= simulated; ++r) {
@@ -57,7 +58,9 @@ Shot sample_shot() {
     std::vector<RegionParams> regions(static_cast<std::size_t>(simulated) + 1);
     for (int r = 0; r < simulated; ++r) {
       RegionParams& region = regions[static_cast<std::size_t>(r)];
-      region.local = r == 0 ? LocalShapeParams{0, 0, 1} : LocalShapeParams{0.4, 2, r};
+      const int method = r % methods;
+      region.local = method == 0 ? LocalShapeParams{0, 0, 1} : LocalShapeParams{0.4, 2, method};
+      if (r >= methods) region.lengths = LengthParams::iterated(1);
       region.global = {0.1, 0.5, 1};
     }
     regions.back().simulate = false;
@@ -94,17 +97,17 @@ int sample(int argc, char** argv) {
   const Shot shot = sample_shot();
   const auto solver = make_opencl_solver(shot.groom, plan_of(shot), shot.head(0), device,
                                          {.mapping = by_vertices ? Mapping::Vertices : Mapping::Strands});
-  std::vector<Points> taken(1, Points(shot.groom.vertex_count()));
-  solver->read(taken[0]);
-  std::vector<Eigen::Vector3f> out(shot.groom.vertex_count());
+  const auto on_cpu = make_openmp_solver(shot.groom, plan_of(shot), shot.head(0), SolverOptions{});
+  std::vector<Eigen::Vector3f> taken(shot.groom.vertex_count()), expected(shot.groom.vertex_count());
+  const auto alike = [&] { return std::memcmp(taken.data(), expected.data(), sizeof taken[0] * taken.size()) == 0; };
+  solver->read(taken);
+  on_cpu->read(expected);
+  bool same = alike();
   for (int frame = 1; frame <= shot.frames; ++frame) {
-    solver->advance(frame_input(shot, frame), out, {});
-    taken.emplace_back();
-    for (const Eigen::Vector3f& v : out) taken.back().push_back(v.cast<double>());
+    solver->advance(frame_input(shot, frame), taken, {});
+    on_cpu->advance(frame_input(shot, frame), expected, {});
+    same &= alike();
   }
-  const std::vector<Points> expected = run(shot, SolverOptions{});
-  bool same = true;
-  for (std::size_t frame = 0; frame < taken.size(); ++frame) same &= same_bits(taken[frame], expected[frame]);
   const OpenCLReport report = solver->report();
   std::printf(
       "{\"device\": \"%s\", \"same\": %s, \"strands_in_a_block\": %d, \"group\": %zu, \"strand_blocks\": %zu, "

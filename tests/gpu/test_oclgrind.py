@@ -34,7 +34,7 @@ def oclgrind(folder, run, text=PROGRAM):
     environment = {
         **os.environ, "OCL_ICD_VENDORS": str(folder), "OCLGRIND_LOG": str(log), "OCLGRIND_DATA_RACES": "1",
         "OCLGRIND_UNIFORM_WRITES": "1", "OCLGRIND_UNINITIALIZED": "1", "OCLGRIND_CHECK_API": "1",
-        "OCLGRIND_MAX_ERRORS": "5000",
+        "OCLGRIND_MAX_ERRORS": "20000",
         "OCLGRIND_BUILD_OPTIONS": "-cl-opt-disable",  # it does not know what optimised programs are made of
     }
     done = subprocess.run([SAMPLE, folder / "program.cl", *RUNS[run]], env=environment, capture_output=True, text=True,
@@ -108,14 +108,14 @@ def test_each_barrier_is_missed_where_it_is_taken_out(tmp_path):
 
 
 # An index shifted by the length of what it goes through, so that the last of its kind leaves the buffer.
-TWIST = "NAME(write_twist)(twist, i, twist_between"
+TWIST = "NAME(write_twist)(more, i, twist_between"
 SHIFTS = {
     "local memory": ("local", "advance_vertices_4_local", TWIST, TWIST.replace(" i,", " i + capacity,")),
     "scratch memory": ("global", "advance_vertices_4_global", TWIST,
                        TWIST.replace(" i,", " i + get_num_groups(0) * shared_stride / ROW,")),
-    "state": ("local", "advance_strands", "carry_with(head, read3(rest, i)));", "carry_with(head, read3(rest, i + n)));"),
-    "spheres": ("local", "advance_strands", "[s * kSubstepInts + kSphereBegin] + k)",
-                "[s * kSubstepInts + kSphereBegin] + k + substep_ints[s * kSubstepInts + kSphereCount])"),
+    "state": ("local", "advance_strands", "turn_with(head, read3(rest, i)));", "turn_with(head, read3(rest, i + n)));"),
+    "spheres": ("local", "advance_strands", "[s * kSubstepInts + kSphereBegin];",
+                "[s * kSubstepInts + kSphereBegin] + 4 * substep_ints[s * kSubstepInts + kSphereCount];"),
     "positions": ("local", "gather", "target.first + i)", "target.first + i + target.count)"),
 }
 

@@ -46,7 +46,7 @@ TEST_CASE("hair at rest under no force does not move by a single bit") {
   SECTION("many iterations, stiff") {
     shot.region.local.iterations = 7;
     shot.region.local.stiffness = 0.97;
-    shot.region.lengths.iterations = 9;
+    shot.region.lengths = LengthParams::iterated(9);
     shot.region.damping = 0;
     shot.substeps = 3;
   }
@@ -244,7 +244,7 @@ TEST_CASE("minus zeros in the head transform are the same in every width") {
   const Eigen::Isometry3d head = pose(half_turn, {-0.0, -0.0, -0.0});
   shot.head = [head](double) { return head; };
   shot.gravity = {1, -9.81, 2};
-  shot.region.lengths.iterations = 0;
+  shot.region.lengths = LengthParams::iterated(0);
   shot.frames = 3;
   const std::vector<Points> expected = run(shot, {Precision::Double, 1, available_lanes().front()});
   for (const Points& frame : expected) {

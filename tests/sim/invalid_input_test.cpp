@@ -119,7 +119,7 @@ TEST_CASE("the first strand that is not finite is found, in the order of the gro
   SECTION("infinite gravity spares what is pinned") {
     shot.gravity = {0, -kInfinity, 0};
     shot.region.local.iterations = 0;
-    shot.region.lengths.iterations = 0;
+    shot.region.lengths = LengthParams::iterated(0);
     solver->advance(frame_input(shot, 2));
     const auto found = solver->find_non_finite();
     REQUIRE(found);
@@ -188,7 +188,7 @@ TEST_CASE("passes that the plan leaves out need no memory") {
   const std::size_t by_default = solver_of(shot)->state_bytes();
   shot.region.local.stiffness = 0;
   const std::size_t without_local = solver_of(shot)->state_bytes();
-  shot.region.lengths.iterations = 0;
+  shot.region.lengths = LengthParams::iterated(0);
   const std::size_t without_lengths = solver_of(shot)->state_bytes();
   shot.region.global.stiffness = 0;
   const std::size_t without_global = solver_of(shot)->state_bytes();

@@ -55,6 +55,7 @@ Shot shot_with_method(int method) {
   Shot shot;
   shot.groom = mixed_groom(1, 41, 80);
   shot.region.local.method = method;
+  shot.region.lengths = LengthParams::iterated(2);
   shot.head = dance;
   shot.frames = 12;
   return shot;
@@ -66,7 +67,7 @@ TEST_CASE("damping and gravity alone move hair as the paper's integration does")
   Shot shot = shot_with_method(1);
   shot.region.local.iterations = 0;
   shot.region.global.stiffness = 0;
-  shot.region.lengths.iterations = 0;
+  shot.region.lengths = LengthParams::iterated(0);
   check_one_frame(shot);
   check_shot(shot);
 }
@@ -77,7 +78,7 @@ TEST_CASE("each pass alone follows the paper") {
   Shot shot = shot_with_method(method);
   shot.region.local.iterations = 0;
   shot.region.global.stiffness = 0;
-  shot.region.lengths.iterations = 0;
+  shot.region.lengths = LengthParams::iterated(0);
   SECTION("local shape") {
     shot.region.local.iterations = GENERATE(1, 4);
     check_one_frame(shot);
@@ -104,7 +105,7 @@ TEST_CASE("each pass alone follows the paper") {
     check_shot(shot);
   }
   SECTION("edge lengths") {
-    shot.region.lengths.iterations = 5;
+    shot.region.lengths = LengthParams::iterated(5);
     check_one_frame(shot);
     check_shot(shot);
   }
@@ -159,10 +160,11 @@ TEST_CASE("regions keep their own parameters") {
     shot.groom.region.push_back(static_cast<std::uint32_t>(s % 5));
   shot.regions_at = [](int) {
     std::vector<RegionParams> regions(5);
+    for (RegionParams& region : regions) region.lengths = LengthParams::iterated(2);
     for (int r = 0; r < 3; ++r) regions[static_cast<std::size_t>(r)].local.method = r + 1;
     regions[1].damping = 0.02;
     regions[1].global = {0.6, 0.871, 0.3};
-    regions[2].lengths.iterations = 7;
+    regions[2].lengths = LengthParams::iterated(7);
     regions[2].drag = 0;
     regions[3].local.stiffness = 0;
     regions[3].global.stiffness = 0;
@@ -196,6 +198,7 @@ TEST_CASE("parameters that change from frame to frame take effect in their frame
   const int method = shot.region.local.method;
   shot.regions_at = [method](int frame) {
     RegionParams params;
+    params.lengths = LengthParams::iterated(2);
     params.local.method = method;
     params.damping = 0.05 * (frame % 4);
     params.drag = frame % 3;
@@ -228,7 +231,7 @@ TEST_CASE("everything at once follows the paper") {
       RegionParams& region = regions[static_cast<std::size_t>(r)];
       region.local = {0.2 + 0.02 * frame, 2 + r, r + 1};
       region.global = {0.05 * frame, 0.2 + 0.2 * r, 0.3 * r};
-      region.lengths.iterations = r;
+      region.lengths = LengthParams::iterated(r);
       region.damping = 0.03 * (r + 1);
     }
     return regions;

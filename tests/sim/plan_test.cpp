@@ -40,7 +40,7 @@ TEST_CASE("a pass is planned only where something can come of it") {
     CHECK(plan_region(params, false).local_method == 2);
   }
   SECTION("edge lengths need iterations") {
-    params[0].lengths.iterations = 0;
+    params[0].lengths = LengthParams::iterated(0);
     CHECK_FALSE(plan_region(params, false).edge_lengths);
   }
 }

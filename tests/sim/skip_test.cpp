@@ -159,6 +159,7 @@ TEST_CASE("hair that swings out comes to rest to the bit, and is then left alone
 
 TEST_CASE("spheres out of reach are counted, and a sphere that only a push brings into reach is not") {
   Shot shot;
+  shot.region.lengths = LengthParams::iterated(2);
   shot.groom = groom_of({straight(6, 0.1)});
   shot.gravity = {0, 0, 0};
   // The first sphere pushes vertices into the second, which the strand did not touch.

@@ -1,0 +1,92 @@
+// Direct lengths: all segments of a strand brought to their rest lengths at once.
+//
+// One round of Newton's method on C = 0, with the weights w of edge_length.h:
+//
+//   C_j = |P_j - P_{j-1}| - L_j,   u_j = unit(P_j - P_{j-1})                                      [m]
+//   A lambda = C,   A_jj = w_{j-1} + w_j,   A_{j-1,j} = A_{j,j-1} = -w_{j-1} u_{j-1} . u_j
+//   P_j -= w_j (u_j lambda_j - u_{j+1} lambda_{j+1})
+//
+// A is tridiagonal: elimination from the root, substitution from the tip. With b_j = w_{j-1} u_{j-1} . u_j,
+//
+//   m_j = A_jj - b_j (b_j / m_{j-1}),   g_j = (C_j + b_j g_{j-1}) / m_j,   lambda_j = g_j + (b_{j+1} / m_j)
+//   lambda_{j+1}
+//
+// A strand that is held by its root alone has m >= 1. Between two pinned vertices A can be singular, and no correction
+// may exist: those segments have a compliance, which shares what is left among them.
+// Newton may overshoot where a step is longer than a segment. So after the rounds one walk from the root keeps all
+// directions and makes each length exact where no pinned vertex follows,
+//
+//   P'_j = P_j + s_j,   s_j = s_{j-1} + (L_j - |P_j - P_{j-1}|) u_j,
+//
+// which leaves every bit where lengths are what they should be. There a vertex that then lies in a sphere goes to the
+// nearest point that is on the sphere and at its length from the vertex before, and those after it go along.
+// Source: the tridiagonal solve of Han, Harada, "Tridiagonal Matrix Formulation for Inextensible Hair Strand
+// Simulation", VRIPHYS 2013; rounds, walk, compliance and spheres: ours. Checks: tests/sim/passes_test.cpp,
+// tests/sim/lengths_test.cpp.
+#pragma once
+
+#include "sim/passes/frame_scan.h"
+#include "sim/passes/strand_math.h"
+
+// Rounds of Newton's method in a substep.
+#define LENGTH_ROUNDS 2
+
+STRAND_MATH_BEGIN
+
+// Added to A_jj between two pinned vertices.
+#define HELD_COMPLIANCE ((Real)1e-3f)
+
+// 0 for a point, which has no direction.
+STRAND_FN Real segment_length(VEC3 edge) {
+  Real length2 = inner(edge, edge);
+  return SELECT(length2 > POINT_LENGTH_SQUARED, SQRT(length2), (Real)0.0f);
+}
+
+// u; next to nothing for a point.
+STRAND_FN VEC3 segment_direction(VEC3 edge, Real length) {
+  return edge * ((Real)1.0f / SELECT(length > (Real)0.0f, length, (Real)1.0f));
+}
+
+// C. A point is left alone.
+STRAND_FN Real length_error(Real length, Real rest_length) {
+  return SELECT(length > (Real)0.0f, length - rest_length, (Real)0.0f);
+}
+
+// What the walk adds along u.
+STRAND_FN Real missing_length(VEC3 edge, Real rest_length) {
+  return rest_length - segment_length(edge);
+}
+
+// 1 / m_j, from A_jj, b_j and b_j / m_{j-1}. Where both ends are pinned there is nothing to solve.
+STRAND_FN Real inverse_pivot(Real diagonal, Real b, Real share) {
+  Real pivot = diagonal - b * share;
+  return (Real)1.0f / SELECT(pivot > (Real)1e-4f, pivot, (Real)1.0f);
+}
+
+// The point nearest to `p` that is `length` from `near` and not in the sphere; `p` where it is such a point. Where none
+// is out of the sphere, the one that is least deep. |p - near| = length.
+STRAND_FN VEC3 swing_out_of_sphere(VEC3 p, VEC3 near, Real length, VEC3 center, Real radius) {
+  VEC3 axis = center - near;
+  Real distance2 = inner(axis, axis);
+  Real distance = SQRT(SELECT(distance2 > POINT_LENGTH_SQUARED, distance2, (Real)1.0f));
+  axis = axis * ((Real)1.0f / distance);
+  // On the circle where the two spheres meet: as far along the axis, and across it where p is.
+  Real along = (length * length + (distance2 - radius * radius)) / (distance + distance);
+  along = SELECT(along < (Real)0.0f - length, (Real)0.0f - length, along);
+  Real across2 = length * length - along * along;
+  Real across = SQRT(SELECT(across2 > (Real)0.0f, across2, (Real)0.0f));
+  VEC3 arm = p - near;
+  VEC3 side = arm - axis * inner(arm, axis);
+  Real side2 = inner(side, side);
+  // Straight at the centre all sides are as near.
+  Real aside = SELECT(side2 > (Real)1e-6f * (length * length), (Real)1.0f, (Real)0.0f);
+  side = side * (aside / SQRT(SELECT(side2 > POINT_LENGTH_SQUARED, side2, (Real)1.0f))) +
+         frame_along(axis).y * ((Real)1.0f - aside);
+  VEC3 out = near + axis * along + side * across;
+  VEC3 e = p - center;
+  Real moves = SELECT(inner(e, e) < radius * radius, distance2, (Real)0.0f);
+  return make_vec3(SELECT(moves > POINT_LENGTH_SQUARED, out.x, p.x), SELECT(moves > POINT_LENGTH_SQUARED, out.y, p.y),
+                   SELECT(moves > POINT_LENGTH_SQUARED, out.z, p.z));
+}
+
+STRAND_MATH_END

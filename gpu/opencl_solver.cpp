@@ -118,7 +118,8 @@ class Implementation final : public OpenCLSolver {
     const auto& blocks = strands_->blocks;
     return b < blocks.size() ? static_cast<std::size_t>(blocks[b].block.position - host_state_.data()) : numbers_;
   }
-  std::uint64_t largest_bytes(std::size_t parts) const;
+  std::uint64_t largest_block_bytes() const;
+  std::uint64_t largest_batch_bytes() const;
   void place(const Groom& groom, std::uint64_t budget);
   void cut_into_batches(std::uint64_t budget);
   void make_batch(Batch& batch, const Groom& groom);
@@ -444,11 +445,14 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
   }
   gather_ = kernel("gather");
 
-  const std::uint64_t largest_block = largest_bytes(strands_->blocks.size());
-  if (largest_block > std::min(device_.largest_buffer, kMostBytes)) {
+  if (largest_block_bytes() > std::min(device_.largest_buffer, kMostBytes)) {
     throw DeviceError("strands of " + std::to_string(strands_->longest) +
                       " vertices are too long for the device's largest buffer");
   }
+  // Without these nothing will do, however small the batches.
+  positions_ = make_buffer(sizeof(Eigen::Vector3f) * groom.vertex_count(), nullptr);
+  const cl_uint none = 0;
+  not_finite_ = make_buffer(sizeof none, &none);
   // All hair on the device if it fits, else in batches that take turns there, and smaller ones until all fits. Devices
   // may reserve memory late, so that only trying tells.
   std::uint64_t budget = options.memory > 0 ? options.memory : device_.memory;
@@ -459,37 +463,40 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
       fits = true;
     } catch (const DeviceMemoryError&) {
       if (report_.streamed && batches_.size() == strands_->blocks.size()) throw;
-      budget = report_.streamed ? std::min(budget, largest_bytes(batches_.size())) / 2 : budget / 2;
+      budget = report_.streamed ? std::min(budget, largest_batch_bytes()) / 2 : budget / 2;
       report_.streamed = true;
     }
   }
   if (!report_.streamed) host_state_ = {};
 }
 
-// Bytes of the largest batch, or of the largest block where there is a batch for each or none yet.
 template <class Scalar>
-std::uint64_t Implementation<Scalar>::largest_bytes(std::size_t parts) const {
-  std::uint64_t largest = 0;
-  for (std::size_t k = 0; k < parts; ++k) {
-    const std::size_t numbers = batches_.empty() ? block_begin(k + 1) - block_begin(k) : batches_[k].numbers;
-    largest = std::max<std::uint64_t>(largest, numbers * sizeof(Scalar));
+std::uint64_t Implementation<Scalar>::largest_block_bytes() const {
+  std::uint64_t numbers = 0;
+  for (std::size_t b = 0; b < strands_->blocks.size(); ++b) {
+    numbers = std::max<std::uint64_t>(numbers, block_begin(b + 1) - block_begin(b));
   }
-  return largest;
+  return numbers * sizeof(Scalar);
 }
 
-// Everything that lies on the device. Throws DeviceMemoryError where it does not fit.
+template <class Scalar>
+std::uint64_t Implementation<Scalar>::largest_batch_bytes() const {
+  std::uint64_t numbers = 0;
+  for (const Batch& batch : batches_) numbers = std::max<std::uint64_t>(numbers, batch.numbers);
+  return numbers * sizeof(Scalar);
+}
+
+// All that depends on how hair is cut into batches. Throws DeviceMemoryError where it does not fit the device, with the
+// batches that were tried in `batches_`.
 template <class Scalar>
 void Implementation<Scalar>::place(const Groom& groom, std::uint64_t budget) {
   batches_.clear();
   streamed_state_ = Buffer();
   scratch_ = Buffer();
   report_.strand_blocks = report_.vertex_blocks = report_.long_blocks = 0;
-  positions_ = make_buffer(sizeof(Eigen::Vector3f) * groom.vertex_count(), nullptr);
-  const cl_uint none = 0;
-  not_finite_ = make_buffer(sizeof none, &none);
   cut_into_batches(budget);
   report_.batches = static_cast<int>(batches_.size());
-  if (report_.streamed) streamed_state_ = make_buffer(largest_bytes(batches_.size()), nullptr);
+  if (report_.streamed) streamed_state_ = make_buffer(largest_batch_bytes(), nullptr);
   std::size_t scratch_bytes = 0;
   for (Batch& batch : batches_) {
     if (!report_.streamed) {

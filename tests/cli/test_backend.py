@@ -178,12 +178,12 @@ def test_built_programs_are_kept_and_damage_to_them_is_mended(scene, device, lib
     assert [p.name for p in (cache / "strandbake/opencl").iterdir()] == [program.name]
 
 
-# Stands in for libOpenCL.so.1, hands every call on, and lets the kernels of a bake fail after a while.
-FAILING = r'''
+# Stands in for libOpenCL.so.1 and hands every call on, but for what the environment asks it to refuse.
+STAND_IN = r'''
 #include <dlfcn.h>
 #include <stdlib.h>
 #define EACH(F) F(clGetPlatformIDs) F(clGetPlatformInfo) F(clGetDeviceIDs) F(clGetDeviceInfo) F(clCreateContext) \
-  F(clReleaseContext) F(clCreateCommandQueue) F(clReleaseCommandQueue) F(clCreateBuffer) F(clReleaseMemObject) \
+  F(clReleaseContext) F(clCreateCommandQueue) F(clReleaseCommandQueue) F(clReleaseMemObject) \
   F(clCreateProgramWithSource) F(clCreateProgramWithBinary) F(clBuildProgram) F(clGetProgramInfo) \
   F(clGetProgramBuildInfo) F(clReleaseProgram) F(clCreateKernel) F(clReleaseKernel) F(clSetKernelArg) \
   F(clEnqueueReadBuffer) F(clEnqueueWriteBuffer) F(clWaitForEvents) F(clGetEventProfilingInfo) F(clReleaseEvent) \
@@ -192,17 +192,26 @@ FAILING = r'''
 EACH(F)
 #undef F
 static int (*real_run)(void*, void*, unsigned, void*, void*, void*, unsigned, void*, void*);
-static int left;
+static void* (*real_create_buffer)(void*, unsigned long, size_t, void*, int*);
+static long kernels_left, largest_buffer;
 int clEnqueueNDRangeKernel(void* a, void* b, unsigned c, void* d, void* e, void* f, unsigned g, void* h, void* i) {
-  return left-- > 0 ? real_run(a, b, c, d, e, f, g, h, i) : -5; /* CL_OUT_OF_RESOURCES */
+  return kernels_left-- > 0 ? real_run(a, b, c, d, e, f, g, h, i) : -5; /* CL_OUT_OF_RESOURCES */
 }
+void* clCreateBuffer(void* context, unsigned long flags, size_t size, void* host, int* status) {
+  if (size <= (size_t)largest_buffer) return real_create_buffer(context, flags, size, host, status);
+  *status = -4; /* CL_MEM_OBJECT_ALLOCATION_FAILURE */
+  return NULL;
+}
+static long setting(const char* name) { return getenv(name) ? atol(getenv(name)) : 1L << 62; }
 __attribute__((constructor)) static void find(void) {
   void* library = dlopen(getenv("REAL_OPENCL"), RTLD_NOW);
 #define F(name) real_##name = dlsym(library, #name);
   EACH(F)
 #undef F
   *(void**)&real_run = dlsym(library, "clEnqueueNDRangeKernel");
-  left = atoi(getenv("KERNELS_LEFT"));
+  *(void**)&real_create_buffer = dlsym(library, "clCreateBuffer");
+  kernels_left = setting("KERNELS_LEFT");
+  largest_buffer = setting("LARGEST_BUFFER");
 }
 '''
 
@@ -212,24 +221,43 @@ def real_opencl():
     return next((line.split("=>")[1].strip() for line in listed.splitlines() if "libOpenCL.so.1 " in line), None)
 
 
-@pytest.mark.skipif(platform.machine() != "x86_64", reason="the stand-in for OpenCL is written for x86-64")
-def test_a_device_that_fails_leaves_the_frames_before(scene, device, library_folder):
+@pytest.fixture(scope="module")
+def stand_in(library_folder):
+    """The environment of a program that gets the stand-in, with what it shall refuse."""
+    if platform.machine() != "x86_64":
+        pytest.skip("the stand-in for OpenCL is written for x86-64")
     if shutil.which("cc") is None:
-        pytest.skip("there is no C compiler to make a failing OpenCL with")
-    folder = library_folder / "failing"
-    folder.mkdir(exist_ok=True)
-    source = folder / "failing.c"
-    source.write_text(FAILING)
+        pytest.skip("there is no C compiler to make a stand-in for OpenCL with")
+    folder = library_folder / "stand_in"
+    folder.mkdir()
+    source = folder / "stand_in.c"
+    source.write_text(STAND_IN)
     subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", folder / "libOpenCL.so.1", source, "-ldl"], check=True)
+    return lambda **refused: {"LD_LIBRARY_PATH": str(folder), "REAL_OPENCL": real_opencl(),
+                              **{name: str(value) for name, value in refused.items()}}
+
+
+def test_a_device_that_fails_leaves_the_frames_before(scene, device, stand_in):
     assert bake(scene, "--backend", "openmp", "-o", "cpu.h5").code == GOOD
     expected = read(scene / "cpu.h5")["frames/position"]
     seen = set()
     for kernels in (0, 3, 5, 7, 9, 10):
-        failing = {"LD_LIBRARY_PATH": str(folder), "REAL_OPENCL": real_opencl(), "KERNELS_LEFT": str(kernels)}
-        result = bake(scene, "--backend", "opencl", "--mapping", "vertices", "-o", "x.h5", env=failing)
+        result = bake(scene, "--backend", "opencl", "--mapping", "vertices", "-o", "x.h5", env=stand_in(KERNELS_LEFT=kernels))
         assert_one_error(result, DEVICE, "CL_OUT_OF_RESOURCES", "x.h5.part holds")
         assert not (scene / "x.h5").exists()
         left = read(scene / "x.h5.part")["frames/position"]
         np.testing.assert_array_equal(left, expected[: len(left)])
         seen.add(len(left))
     assert len(seen) > 1
+
+
+def test_a_device_with_too_little_memory_takes_batches_or_says_so(scene, device, stand_in):
+    run = lambda name, bytes: bake(scene, "--backend", "opencl", "--mapping", "vertices", "-o", name,
+                                   env=stand_in(LARGEST_BUFFER=bytes))
+    assert bake(scene, "--backend", "openmp", "-o", "cpu.h5").code == GOOD
+    assert run("batches.h5", 30000).code == GOOD
+    assert (scene / "batches.h5").read_bytes() == (scene / "cpu.h5").read_bytes()
+    # Too little for one block of strands, for the positions of a frame, for anything.
+    for bytes in (60 * 12 * 12, 60 * 12 * 12 - 1, 0):
+        assert_one_error(run("x.h5", bytes), DEVICE, "CL_MEM_OBJECT_ALLOCATION_FAILURE")
+        assert not (scene / "x.h5").exists()

@@ -361,6 +361,7 @@ void check_against_plan(const Plan& plan, const FrameInput& input) {
     fits = (planned.wind || input.wind.empty() || params.drag <= 0) &&
            ((planned.edge_lengths && planned.direct_lengths == params.lengths.direct) ||
             (!params.lengths.direct && params.lengths.iterations <= 0)) &&
+           (planned.global_shape || params.global.stiffness <= 0 || params.global.range <= 0) &&
            ((planned.local_shape && planned.local_method == params.local.method) || params.local.stiffness <= 0 ||
             params.local.iterations <= 0);
   }

@@ -162,6 +162,7 @@ TEST_CASE("an input that asks for more than the plan has is refused") {
   Shot shot;
   shot.groom = mixed_groom(47, 4, 10);
   shot.region.local.stiffness = 0;
+  shot.region.global.stiffness = 0;
   const auto solver = solver_of(shot);
   FrameInput input;
   input.substep = 1.0 / 60;
@@ -174,6 +175,11 @@ TEST_CASE("an input that asks for more than the plan has is refused") {
   input.wind.clear();
   input.regions[0].local.stiffness = 0.5;
   CHECK_THROWS_AS(solver->advance(input), std::invalid_argument);
+  input.regions = {shot.region};
+  input.regions[0].global = {0.5, 0.3, 1};
+  CHECK_THROWS_AS(solver->advance(input), std::invalid_argument);
+  input.regions[0].global.range = 0;
+  CHECK_NOTHROW(solver->advance(input));  // pulls nothing
 }
 
 TEST_CASE("passes that the plan leaves out need no memory") {

@@ -20,31 +20,26 @@ std::string without_padding(std::string text) {
   return text.substr(std::min(text.find_first_not_of(' '), text.size()));
 }
 
-std::string text(cl_device_id device, cl_device_info what) {
+// `query`: clGetDeviceInfo or clGetPlatformInfo.
+template <class Query, class Object>
+std::string text(Query query, Object object, cl_uint what) {
   std::size_t size = 0;
-  check_opencl(opencl().GetDeviceInfo(device, what, 0, nullptr, &size), "tell about itself");
+  check_opencl(query(object, what, 0, nullptr, &size), "tell about itself");
   std::string value(size, '\0');
-  check_opencl(opencl().GetDeviceInfo(device, what, size, value.data(), nullptr), "tell about itself");
-  return without_padding(value);
-}
-
-std::string platform_name(cl_platform_id platform) {
-  std::size_t size = 0;
-  check_opencl(opencl().GetPlatformInfo(platform, CL_PLATFORM_NAME, 0, nullptr, &size), "tell its platform");
-  std::string value(size, '\0');
-  check_opencl(opencl().GetPlatformInfo(platform, CL_PLATFORM_NAME, size, value.data(), nullptr), "tell its platform");
+  check_opencl(query(object, what, size, value.data(), nullptr), "tell about itself");
   return without_padding(value);
 }
 
 Device describe(cl_platform_id platform, cl_device_id id) {
+  const OpenCL& cl = opencl();
   Device device;
   device.platform = platform;
   device.id = id;
-  device.platform_name = platform_name(platform);
-  device.name = text(id, CL_DEVICE_NAME);
-  device.vendor = text(id, CL_DEVICE_VENDOR);
-  device.version = text(id, CL_DEVICE_VERSION);
-  device.driver = text(id, CL_DRIVER_VERSION);
+  device.platform_name = text(cl.GetPlatformInfo, platform, CL_PLATFORM_NAME);
+  device.name = text(cl.GetDeviceInfo, id, CL_DEVICE_NAME);
+  device.vendor = text(cl.GetDeviceInfo, id, CL_DEVICE_VENDOR);
+  device.version = text(cl.GetDeviceInfo, id, CL_DEVICE_VERSION);
+  device.driver = text(cl.GetDeviceInfo, id, CL_DRIVER_VERSION);
   const auto type = number<cl_device_type>(id, CL_DEVICE_TYPE);
   device.is_gpu = (type & CL_DEVICE_TYPE_GPU) != 0;
   // All that the CPU's bytes rest on. A CPU divides exactly, whether its driver says so or not.

@@ -26,17 +26,6 @@ constexpr std::size_t kVertexGroup = 256;         // and, at most, where each ha
 constexpr std::size_t kManyStrands = 8192;        // enough to keep a device busy with a strand per work-item
 constexpr std::size_t kScratchBytes = 64u << 20;  // for strands that are too long for local memory, of one launch
 
-template <class T>
-struct OpenCLName;
-template <>
-struct OpenCLName<float> {
-  static constexpr const char* value = "float";
-};
-template <>
-struct OpenCLName<double> {
-  static constexpr const char* value = "double";
-};
-
 // Vectors of three numbers a vertex that a group shares: p and q, for methods 2 and 4 two of the frames, for 4 the
 // scan or direct lengths.
 std::size_t shared_rows(int method, bool direct_lengths) {
@@ -100,7 +89,7 @@ class Implementation final : public OpenCLSolver {
   void set(const Kernel& kernel, const Arguments&... arguments) const;
   void choose_width(const Groom& groom);
   std::size_t item_group() const { return std::bit_floor(std::min(kItemGroup, device_.largest_group)); }
-  std::size_t group_items() const { return std::bit_floor(std::min(kVertexGroup, device_.largest_group)); }
+  std::size_t vertex_group() const { return std::bit_floor(std::min(kVertexGroup, device_.largest_group)); }
   // Does its hair more than ride?
   bool runs(const RegionPlan& region) const { return region.simulated || !options_.skip.regions; }
   bool any_direct_lengths() const {
@@ -127,8 +116,6 @@ class Implementation final : public OpenCLSolver {
   void simulate(const Batch& batch, cl_mem state, cl_uint substeps);
   void gather(const Batch& batch, cl_mem state, cl_uint swapped) const;
   void run_batches(cl_uint substeps);
-  template <class Work>
-  void with_state_on_host(const Work& work) const;
   template <class Out>
   void read_as(std::span<Out> out) const;
   void run_frame(const FrameInput& input, std::span<Eigen::Vector3f> out, const Alongside& alongside);
@@ -220,8 +207,7 @@ void Implementation<Scalar>::choose_width(const Groom& groom) {
   }
   std::size_t width = item_group();
   if (strands > 0) {
-    width = std::min(std::min(item_group(), group_items()),
-                     std::bit_floor(std::max<std::size_t>(1, group_items() * strands / vertices)));
+    width = std::min(width, std::bit_floor(std::max<std::size_t>(1, vertex_group() * strands / vertices)));
     if (largest <= device_.local_memory) width = std::min(width, std::bit_floor(device_.local_memory / largest));
   }
   report_.strands_in_a_block = static_cast<int>(width);
@@ -229,10 +215,10 @@ void Implementation<Scalar>::choose_width(const Groom& groom) {
 
 template <class Scalar>
 std::string Implementation<Scalar>::build_options(bool any_masked, bool any_rides) const {
-  std::string options = std::string("-DREAL=") + OpenCLName<Scalar>::value + " -DREAL3=" + OpenCLName<Scalar>::value +
-                        "3 -DWIDTH=" + std::to_string(strands_->width) +
+  const std::string real = sizeof(Scalar) == 4 ? "float" : "double";
+  std::string options = "-DREAL=" + real + " -DREAL3=" + real + "3 -DWIDTH=" + std::to_string(strands_->width) +
                         " -DITEM_GROUP=" + std::to_string(item_group()) +
-                        " -DVERTEX_GROUP=" + std::to_string(group_items());
+                        " -DVERTEX_GROUP=" + std::to_string(vertex_group());
   const auto define = [&](bool condition, const char* name) {
     if (condition) options += std::string(" -D") + name;
   };
@@ -530,7 +516,7 @@ void Implementation<Scalar>::simulate(const Batch& batch, cl_mem state, cl_uint 
       const bool is_long = launch.kind == Launch::Kind::LongVertices;
       kernel = &advance_vertices_.at({launch.kind, launch.method});
       // One size for all: some drivers compile anew for each.
-      local = group_items();
+      local = vertex_group();
       global = local * launch.blocks;
       const std::size_t numbers = shared_numbers(launch.method, launch.capacity);
       const auto capacity = static_cast<cl_uint>(launch.capacity);
@@ -746,31 +732,25 @@ void Implementation<Scalar>::find_non_finite_in(std::span<const Eigen::Vector3f>
   }
 }
 
-// work(batch, its state)
-template <class Scalar>
-template <class Work>
-void Implementation<Scalar>::with_state_on_host(const Work& work) const {
-  if (started_) throw std::logic_error("the device is at work on the next frame already");
-  for (const Batch& batch : batches_) {
-    if (report_.streamed) {
-      work(batch, host_state_.data() + batch.first_number);
-      continue;
-    }
-    std::vector<Scalar> state(batch.numbers);
-    check_opencl(cl_.EnqueueReadBuffer(compute_.get(), batch.state.get(), CL_TRUE, 0, batch.numbers * sizeof(Scalar),
-                                       state.data(), 0, nullptr, nullptr),
-                 "hand back data");
-    work(batch, state.data());
-  }
-}
-
 template <class Scalar>
 template <class Out>
 void Implementation<Scalar>::read_as(std::span<Out> out) const {
+  if (started_) throw std::logic_error("the device is at work on the next frame already");
   using Component = typename Out::Scalar;
   const auto width = static_cast<std::size_t>(strands_->width);
   const Eigen::Vector3d& origin = origin_->now();
-  with_state_on_host([&](const Batch& batch, const Scalar* state) {
+  std::vector<Scalar> copy;
+  for (const Batch& batch : batches_) {
+    const Scalar* state = nullptr;
+    if (report_.streamed) {
+      state = host_state_.data() + batch.first_number;
+    } else {
+      copy.resize(batch.numbers);
+      check_opencl(cl_.EnqueueReadBuffer(compute_.get(), batch.state.get(), CL_TRUE, 0, batch.numbers * sizeof(Scalar),
+                                         copy.data(), 0, nullptr, nullptr),
+                   "hand back data");
+      state = copy.data();
+    }
     for (std::size_t b = 0; b < batch.block_count; ++b) {
       const Placed<Scalar>& placed = strands_->blocks[batch.first_block + b];
       const BlockRow& row_of_block = batch.rows[b];
@@ -786,7 +766,7 @@ void Implementation<Scalar>::read_as(std::span<Out> out) const {
         }
       }
     }
-  });
+  }
 }
 
 }  // namespace

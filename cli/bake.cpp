@@ -110,6 +110,36 @@ std::string describe_skipped(const WorkCount& work) {
   return text.empty() ? text : "skipped " + text;
 }
 
+// What ran on a device, for a person.
+std::string describe_device_work(const OpenCLSolver& solver) {
+  const OpenCLReport report = solver.report();
+  std::string text = fmt::format("its kernels took {}; blocks of {} strand{}", human_seconds(solver.kernel_seconds()),
+                                 report.strands_in_a_block, report.strands_in_a_block == 1 ? "" : "s");
+  const auto add = [&](std::size_t blocks, const std::string& how) {
+    if (blocks > 0) text += fmt::format(", {} with {}", blocks, how);
+  };
+  add(report.strand_blocks, "a strand per work-item");
+  add(report.vertex_blocks, fmt::format("a vertex per work-item in {} of local memory",
+                                        human_bytes(static_cast<double>(report.local_bytes))));
+  add(report.long_blocks, "a vertex per work-item, too long for local memory");
+  if (report.streamed) text += fmt::format("; {} batches took turns in its memory", report.batches);
+  return text;
+}
+
+nlohmann::ordered_json device_work_json(const OpenCLSolver& solver) {
+  const OpenCLReport report = solver.report();
+  return {{"kernel_seconds", solver.kernel_seconds()},
+          {"strands_in_a_block", report.strands_in_a_block},
+          {"strand_blocks", report.strand_blocks},
+          {"vertex_blocks", report.vertex_blocks},
+          {"long_blocks", report.long_blocks},
+          {"local_bytes", report.local_bytes},
+          {"group_items", report.group_items},
+          {"batches", report.batches},
+          {"streamed", report.streamed},
+          {"program_from_cache", report.program_from_cache}};
+}
+
 CacheHeader make_header(const Shot& shot) {
   CacheHeader header;
   header.fps = shot.scene.bake.fps;
@@ -172,6 +202,8 @@ class Bake {
   const Scene& scene() const { return shot_.scene; }
   std::size_t vertex_count() const { return vertex_count_; }
   WorkCount work_count() const { return solver_->work(); }
+  // nullptr: the CPU's.
+  const OpenCLSolver* device_solver() const { return dynamic_cast<const OpenCLSolver*>(solver_.get()); }
   // The solver in words.
   const std::string& made_by() const { return made_by_; }
   int first_simulated() const { return scene().first_frame - scene().bake.preroll; }
@@ -418,19 +450,23 @@ int run_bake(BakeOptions options) {
   const double elapsed = seconds_since(start);
   const auto bytes = std::filesystem::file_size(options.output);
   const WorkCount work = bake.work_count();
-  events.emit({{"event", "done"},
-               {"output", options.output.string()},
-               {"bytes", bytes},
-               {"seconds", elapsed},
-               {"block_substeps", work.substeps},
-               {"block_substeps_at_rest", work.substeps_at_rest},
-               {"block_spheres", work.spheres},
-               {"block_spheres_out_of_reach", work.spheres_out_of_reach}});
+  nlohmann::ordered_json done = {{"event", "done"},
+                                 {"output", options.output.string()},
+                                 {"bytes", bytes},
+                                 {"seconds", elapsed},
+                                 {"block_substeps", work.substeps},
+                                 {"block_substeps_at_rest", work.substeps_at_rest},
+                                 {"block_spheres", work.spheres},
+                                 {"block_spheres_out_of_reach", work.spheres_out_of_reach}};
+  if (const OpenCLSolver* solver = bake.device_solver()) done["device"] = device_work_json(*solver);
+  events.emit(done);
   if (!options.quiet && !options.json) {
     const int frames = written.second - written.first + 1;
     fmt::print("{}: {} frame{}, {} vertices, {}, {}\n", options.output.string(), frames, frames == 1 ? "" : "s",
                bake.vertex_count(), human_bytes(static_cast<double>(bytes)), human_seconds(elapsed));
-    if (backend.device) fmt::print("solved by {}\n", bake.made_by());
+    if (const OpenCLSolver* solver = bake.device_solver()) {
+      fmt::print("solved by {}: {}\n", bake.made_by(), describe_device_work(*solver));
+    }
     if (const std::string skipped = describe_skipped(work); !skipped.empty()) fmt::print("{}\n", skipped);
   }
   return kGood;

@@ -32,7 +32,7 @@ struct OpenCLOptions {
   std::filesystem::path program_cache = {};  // folder for built programs; empty: none
 };
 
-// What runs where, for a person and for benchmarks.
+// What runs where. A bake's summary tells it.
 struct OpenCLReport {
   int strands_in_a_block = 0;
   int batches = 0;

@@ -124,6 +124,20 @@ def test_the_plan_names_the_device(scene, device):
         assert plan.out.count("a strand per work-item") == 1 and plan.out.count("a vertex per work-item") == 2
 
 
+def test_the_summary_tells_what_ran_on_the_device(scene, device):
+    run = lambda *options: scene.run("bake", "scene.toml", "--force", "--backend", "opencl", "--mapping", "vertices", *options)
+    assert "work-item" not in scene.run("bake", "scene.toml", "--backend", "openmp").out
+    told = run().out
+    # 20 strands with method 1, 20 with method 4, 20 with method 3.
+    assert re.search(r"kernels took [\d.]+ s; blocks of 16 strands, 2 with a strand per work-item, 4 with a vertex per "
+                     r"work-item in [\d.]+ KiB of local memory\n", told), told
+    work = [json.loads(line) for line in run("--json", "--device-memory", "40KB").out.splitlines()][-1]["device"]
+    assert work["kernel_seconds"] > 0
+    assert (work["strand_blocks"], work["vertex_blocks"], work["long_blocks"]) == (2, 4, 0)
+    assert work["streamed"] and work["batches"] > 1
+    assert f"; {work['batches']} batches took turns in its memory\n" in run("--device-memory", "40KB").out
+
+
 def test_devices_that_do_not_exist(scene, device):
     assert_one_error(bake(scene, "--backend", "opencl", "--device", "99", "-o", "x.h5"), DEVICE, "no device 99",
             "strandbake devices")

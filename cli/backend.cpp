@@ -6,8 +6,6 @@
 #include <algorithm>
 #include <cstdlib>
 
-#include "cli/console.h"
-
 namespace strandbake {
 namespace {
 
@@ -85,7 +83,8 @@ std::string describe_backend(const Backend& backend, const SolverOptions& option
 }
 
 std::unique_ptr<Solver> make_solver(Backend& backend, const Groom& groom, const Plan& plan,
-                                    const Eigen::Isometry3d& head, const SolverOptions& options) {
+                                    const Eigen::Isometry3d& head, const SolverOptions& options,
+                                    const std::function<void(const std::string&)>& warn) {
   if (!backend.device) return make_openmp_solver(groom, plan, head, options);
   OpenCLOptions opencl = backend.opencl;
   opencl.precision = options.precision;
@@ -96,7 +95,7 @@ std::unique_ptr<Solver> make_solver(Backend& backend, const Groom& groom, const 
     return make_opencl_solver(groom, plan, head, *backend.device, opencl);
   } catch (const DeviceError& error) {
     if (!backend.is_automatic) throw;
-    print_warning(fmt::format("{}; the CPU bakes", error.what()));
+    warn(fmt::format("{}; the CPU bakes", error.what()));
     backend.device.reset();
     return make_openmp_solver(groom, plan, head, options);
   }

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -43,9 +44,10 @@ Backend choose_backend(const BackendOptions& options, Precision precision, doubl
 // "openmp, float, 2 threads"
 std::string describe_backend(const Backend& backend, const SolverOptions& options);
 
-// Turns `backend` to the CPU, with a warning, where a device that nobody asked for fails to start.
+// Turns `backend` to the CPU, and tells `warn` why, where a device that nobody asked for fails to start.
 std::unique_ptr<Solver> make_solver(Backend& backend, const Groom& groom, const Plan& plan,
-                                    const Eigen::Isometry3d& head, const SolverOptions& options);
+                                    const Eigen::Isometry3d& head, const SolverOptions& options,
+                                    const std::function<void(const std::string&)>& warn);
 
 // Where built OpenCL programs are kept for the next run: $XDG_CACHE_HOME/strandbake/opencl or
 // ~/.cache/strandbake/opencl; empty where neither is known.

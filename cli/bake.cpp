@@ -165,7 +165,8 @@ class Bake {
   // Called when a frame is in the file.
   using OnFrame = std::function<void(int frame, const FrameStats& stats)>;
 
-  Bake(Shot shot, const BakeOptions& options, Backend& backend, std::pair<int, int> written, OnFrame on_frame)
+  Bake(Shot shot, const BakeOptions& options, Backend& backend, const Events& events, std::pair<int, int> written,
+       OnFrame on_frame)
       : shot_(std::move(shot)),
         written_(written),
         threads_(options.threads),
@@ -187,7 +188,8 @@ class Bake {
     solver.threads = threads_;
     solver.lanes = options.lanes;
     solver.skip = skip_all_but(options.no_skip);
-    solver_ = make_solver(backend, shot_.groom, shot_.plan, shot_.head(shot_.scene.first_frame), solver);
+    solver_ = make_solver(backend, shot_.groom, shot_.plan, shot_.head(shot_.scene.first_frame), solver,
+                          [&](const std::string& warning) { events.warning(warning); });
     made_by_ = describe_backend(backend, solver);
     if (stats_) {
       rest_length_ = rest_lengths(shot_.groom);
@@ -388,7 +390,7 @@ int run_bake(BakeOptions options) {
     progress->update(static_cast<std::size_t>(frame) - static_cast<std::size_t>(first) + 1, note);
   };
   const bool stats = shot.scene.cache.stats;
-  Bake bake(std::move(shot), options, backend, written, [&](int frame, const FrameStats& found) {
+  Bake bake(std::move(shot), options, backend, events, written, [&](int frame, const FrameStats& found) {
     nlohmann::ordered_json event = {{"event", "frame"}, {"frame", frame}};
     if (stats) {
       event["largest_stretch"] = found.largest_stretch;

@@ -192,11 +192,14 @@ def test_built_programs_are_kept_and_damage_to_them_is_mended(scene, device, lib
     assert [p.name for p in (cache / "strandbake/opencl").iterdir()] == [program.name]
 
 
-# Stands in for libOpenCL.so.1 and hands every call on, but for what the environment asks it to refuse.
+# Stands in for libOpenCL.so.1 and hands every call on, but for what the environment asks it to refuse or to say otherwise.
 STAND_IN = r'''
 #include <dlfcn.h>
+#include <fcntl.h>
 #include <stdlib.h>
-#define EACH(F) F(clGetPlatformIDs) F(clGetPlatformInfo) F(clGetDeviceIDs) F(clGetDeviceInfo) F(clCreateContext) \
+#include <string.h>
+#include <sys/stat.h>
+#define EACH(F) F(clGetPlatformIDs) F(clGetPlatformInfo) F(clGetDeviceIDs) F(clCreateContext) \
   F(clReleaseContext) F(clCreateCommandQueue) F(clReleaseCommandQueue) F(clReleaseMemObject) \
   F(clCreateProgramWithSource) F(clCreateProgramWithBinary) F(clBuildProgram) F(clGetProgramInfo) \
   F(clGetProgramBuildInfo) F(clReleaseProgram) F(clCreateKernel) F(clReleaseKernel) F(clSetKernelArg) \
@@ -207,6 +210,7 @@ EACH(F)
 #undef F
 static int (*real_run)(void*, void*, unsigned, void*, void*, void*, unsigned, void*, void*);
 static void* (*real_create_buffer)(void*, unsigned long, size_t, void*, int*);
+static int (*real_device_info)(void*, unsigned, size_t, void*, size_t*);
 static long kernels_left, largest_buffer;
 int clEnqueueNDRangeKernel(void* a, void* b, unsigned c, void* d, void* e, void* f, unsigned g, void* h, void* i) {
   return kernels_left-- > 0 ? real_run(a, b, c, d, e, f, g, h, i) : -5; /* CL_OUT_OF_RESOURCES */
@@ -216,6 +220,16 @@ void* clCreateBuffer(void* context, unsigned long flags, size_t size, void* host
   *status = -4; /* CL_MEM_OBJECT_ALLOCATION_FAILURE */
   return NULL;
 }
+int clGetDeviceInfo(void* device, unsigned what, size_t size, void* value, size_t* size_of) {
+  int status = real_device_info(device, what, size, value, size_of);
+  if (what == 0x1000 && getenv("AS_GPU")) *(unsigned long*)value = 4; /* CL_DEVICE_TYPE, CL_DEVICE_TYPE_GPU */
+  if (what == 0x101B && getenv("INEXACT")) *(unsigned long*)value &= ~(1UL << 7); /* CL_DEVICE_SINGLE_FP_CONFIG */
+  return status;
+}
+/* With LD_PRELOAD: the node of a graphics driver. */
+int stat(const char* path, struct stat* found) {
+  return fstatat(AT_FDCWD, strcmp(path, "/dev/nvidiactl") ? path : "/dev/null", found, 0);
+}
 static long setting(const char* name) { return getenv(name) ? atol(getenv(name)) : 1L << 62; }
 __attribute__((constructor)) static void find(void) {
   void* library = dlopen(getenv("REAL_OPENCL"), RTLD_NOW);
@@ -224,6 +238,7 @@ __attribute__((constructor)) static void find(void) {
 #undef F
   *(void**)&real_run = dlsym(library, "clEnqueueNDRangeKernel");
   *(void**)&real_create_buffer = dlsym(library, "clCreateBuffer");
+  *(void**)&real_device_info = dlsym(library, "clGetDeviceInfo");
   kernels_left = setting("KERNELS_LEFT");
   largest_buffer = setting("LARGEST_BUFFER");
 }
@@ -237,7 +252,7 @@ def real_opencl():
 
 @pytest.fixture(scope="module")
 def stand_in(library_folder):
-    """The environment of a program that gets the stand-in, with what it shall refuse."""
+    """The environment of a program that gets the stand-in, with what that shall do."""
     if platform.machine() != "x86_64":
         pytest.skip("the stand-in for OpenCL is written for x86-64")
     if shutil.which("cc") is None:
@@ -246,9 +261,10 @@ def stand_in(library_folder):
     folder.mkdir()
     source = folder / "stand_in.c"
     source.write_text(STAND_IN)
-    subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", folder / "libOpenCL.so.1", source, "-ldl"], check=True)
-    return lambda **refused: {"LD_LIBRARY_PATH": str(folder), "REAL_OPENCL": real_opencl(),
-                              **{name: str(value) for name, value in refused.items()}}
+    subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-Wl,-soname,libOpenCL.so.1", "-o", folder / "libOpenCL.so.1", source, "-ldl"],
+                   check=True)
+    return lambda **settings: {"LD_LIBRARY_PATH": str(folder), "REAL_OPENCL": real_opencl(),
+                               **{name: str(value) for name, value in settings.items()}}
 
 
 def test_a_device_that_fails_leaves_the_frames_before(scene, device, stand_in):
@@ -275,3 +291,51 @@ def test_a_device_with_too_little_memory_takes_batches_or_says_so(scene, device,
     for bytes in (60 * 12 * 12, 60 * 12 * 12 - 1, 0):
         assert_one_error(run("x.h5", bytes), DEVICE, "CL_MEM_OBJECT_ALLOCATION_FAILURE")
         assert not (scene / "x.h5").exists()
+
+
+# Long enough that auto looks for a GPU, and quickly done: hair rides.
+LONG_SCENE = '''[bake]
+frames = "1-300"
+substeps = 1000
+
+[groom]
+files = ["hair.hair"]
+
+[[region]]
+name = "all"
+simulate = false
+'''
+
+
+@pytest.fixture
+def on_gpu(scene, device, stand_in):
+    """A long bake, `auto`, on a machine whose device passes for a GPU."""
+    (scene / "scene.toml").write_text(LONG_SCENE)
+
+    def run(*options, **settings):
+        environment = stand_in(AS_GPU=1, **settings)
+        # It has to be there before the first look for a device node.
+        environment["LD_PRELOAD"] = environment["LD_LIBRARY_PATH"] + "/libOpenCL.so.1"
+        environment["ASAN_OPTIONS"] = os.environ.get("ASAN_OPTIONS", "") + ":verify_asan_link_order=0"
+        return scene.run("bake", "scene.toml", "--frames", "300-300", "--force", "-o", "x.h5", *options, env=environment)
+
+    return run
+
+
+def test_auto_takes_a_gpu_for_a_long_bake(on_gpu, device):
+    baked = on_gpu()
+    assert baked.code == GOOD, baked.err
+    assert f"solved by opencl on {device['name']}" in baked.out
+    baked = on_gpu(INEXACT=1)
+    assert baked.code == GOOD and "opencl" not in baked.out
+
+
+def test_auto_falls_back_to_the_cpu_and_says_so(on_gpu):
+    baked = on_gpu("--quiet", LARGEST_BUFFER=0)
+    assert baked.code == GOOD and baked.out == ""
+    assert re.fullmatch("strandbake: warning: .*CL_MEM_OBJECT_ALLOCATION_FAILURE; the CPU bakes\n", baked.err)
+    baked = on_gpu("--json", LARGEST_BUFFER=0)
+    assert baked.code == GOOD and baked.err == ""
+    warning, start, *_, done = map(json.loads, baked.out.splitlines())
+    assert warning["event"] == "warning" and warning["message"].endswith("CL_MEM_OBJECT_ALLOCATION_FAILURE; the CPU bakes")
+    assert start["solver"].startswith("openmp") and "device" not in done

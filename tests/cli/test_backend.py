@@ -326,8 +326,15 @@ def test_auto_takes_a_gpu_for_a_long_bake(on_gpu, device):
     baked = on_gpu()
     assert baked.code == GOOD, baked.err
     assert f"solved by opencl on {device['name']}" in baked.out
+
+
+def test_a_device_that_does_not_divide_exactly_is_told_and_left_to_those_who_ask(scene, on_gpu, stand_in):
     baked = on_gpu(INEXACT=1)
     assert baked.code == GOOD and "opencl" not in baked.out
+    inexact = stand_in(AS_GPU=1, INEXACT=1)
+    assert "not exact: after a frame 2e-8 m from the CPU's hair" in scene.run("devices", env=inexact).out
+    baked = scene.run("bake", "scene.toml", "--frames", "1-2", "--force", "--backend", "opencl", env=inexact)
+    assert baked.code == GOOD and "are not exact, so bytes differ from the CPU's" in baked.out
 
 
 def test_auto_falls_back_to_the_cpu_and_says_so(on_gpu):

@@ -20,12 +20,13 @@ struct Benchmark {
   const char* help;
   Report (*run)(const BenchOptions&);
 };
-constexpr std::array<Benchmark, 5> kBenchmarks = {
+constexpr std::array<Benchmark, 6> kBenchmarks = {
     {{"table2", "The paper's Table 2 on this processor, with the paper's figures beside", bench_table2},
      {"passes", "What each pass of the solver costs, alone and on top of the others", bench_passes},
      {"scaling", "How time grows with strands, vertices, threads, substeps, lanes and regions", bench_scaling},
      {"bake", "Bakes from end to end, beside their solver alone and their disk alone", bench_bake},
-     {"features", "What each thing that a scene asks for costs, on and off", bench_features}}};
+     {"features", "What each thing that a scene asks for costs, on and off", bench_features},
+     {"error", "Run time against error: methods, substeps, iterations, length solvers, precision", bench_error}}};
 
 struct BenchVerbOptions {
   BenchOptions bench;

@@ -71,9 +71,7 @@ template <class Scalar>
 struct Workspace {
   Scalar* error;  // [vertices]: of edge lengths; direct lengths, g
   Scalar* share;  // [vertices]: direct lengths, b / m
-  Scalar* edge;   // [vertices] vectors: method 3, rest edges turned with the head; direct lengths, u and then what the
-                  // walk adds
-  Scalar* unswept;  // [vertices] vectors: direct lengths, positions before the walk
+  Scalar* edge;   // [vertices] vectors: method 3, rest edges turned; direct lengths, u, then positions before the walk
   Scalar* frame_x;  // [vertices] vectors: method 2, frames before a substep; method 4, x and y along the edges now
   Scalar* frame_y;
   Scalar* twist;                      // [vertices] of two numbers: method 4, from those to the frames

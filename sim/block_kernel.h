@@ -452,26 +452,26 @@ struct BlockStep {
     return swept;
   }
 
-  // The walk that makes lengths exact; then, where a sphere may be in reach, once more with the spheres.
+  // One step of the walk that makes lengths exact: from `before` to vertex i, which the rounds have left at `far`.
+  STRANDBAKE_INLINE Vec walk_to(int i, Vec before, Vec far, Vec& direction) const {
+    const Vec edge = far - before;
+    direction = direction_or(edge, direction);
+    return where_swept(i, far + direction * missing_length(edge, reals(block.length)[i]), far);
+  }
+
+  // The whole walk; then, where a sphere may be in reach, once more with the spheres.
   STRANDBAKE_INLINE void sweep_lengths() const {
     const int n = block.vertices;
     const Real* const length = reals(block.length);
-    Vec* const gain = vectors(workspace.edge);
-    Vec* const unswept = vectors(workspace.unswept);
+    Vec* const unswept = vectors(workspace.edge);
     const bool boxed = now.sphere_count > 0 && workspace.skip_colliders;
-    const Vec zero = {Real(Scalar(0)), Real(Scalar(0)), Real(Scalar(0))};
-    Vec near = q[1];
-    Vec direction = direction_or(near - q[0], zero);
-    Vec shift = zero;
-    Box box = {near, near};
+    const Vec none = {Real(Scalar(0)), Real(Scalar(0)), Real(Scalar(0))};
+    const Vec pinned = direction_or(q[1] - q[0], none);
+    Vec direction = pinned;
+    Box box = {q[1], q[1]};
     for (int i = 2; i < n; ++i) {
-      const Vec far = q[i];
-      direction = direction_or(far - near, direction);
-      gain[i] = direction * missing_length(far - near, length[i]);
-      shift = where_swept(i, shift + gain[i], zero);
-      near = far;
-      q[i] = far + shift;
-      if (now.sphere_count > 0) unswept[i] = far;
+      unswept[i] = q[i];
+      q[i] = walk_to(i, q[i - 1], q[i], direction);
       if (boxed) box.add(q[i]);
     }
     workspace.work.spheres += now.sphere_count;
@@ -484,20 +484,19 @@ struct BlockStep {
       workspace.work.spheres_out_of_reach += now.sphere_count;
       return;
     }
-    shift = zero;
+    direction = pinned;
     for (int i = 2; i < n; ++i) {
-      shift = where_swept(i, shift + gain[i], zero);
-      Vec at = unswept[i] + shift;
+      Vec at = walk_to(i, q[i - 1], unswept[i], direction);
       for (int s = 0; s < now.sphere_count; ++s) {
         const Vec center = broadcast(now.spheres + 4 * s);
         const Real radius(now.spheres[4 * s + 3]);
         if (!any(squared_distance(at, center) < radius * radius)) continue;
-        Vec out = swing_out_of_sphere(at, q[i - 1], length[i], center, radius);
+        const Vec out = swing_out_of_sphere(at, q[i - 1], length[i], center, radius);
         if constexpr (Masked) {
-          out = where_swept(i, out, push_out_of_sphere(at, center, radius, reals(block.free)[i]));
+          at = where_swept(i, out, push_out_of_sphere(at, center, radius, reals(block.free)[i]));
+        } else {
+          at = out;
         }
-        shift = where_swept(i, shift + (out - at), zero);
-        at = out;
       }
       q[i] = at;
     }

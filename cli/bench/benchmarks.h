@@ -22,5 +22,6 @@ Report bench_passes(const BenchOptions& options);
 Report bench_scaling(const BenchOptions& options);
 Report bench_bake(const BenchOptions& options);
 Report bench_features(const BenchOptions& options);
+Report bench_error(const BenchOptions& options);
 
 }  // namespace strandbake

@@ -144,45 +144,23 @@ static bool is_swept(Weights weights, uint i) {
   return true;
 }
 
-// Where the exact walk stands.
-typedef struct {
-  Real3 near;       // vertex i - 1 as the rounds have left it
-  Real3 at;         // and where it is now
-  Real3 direction;  // of the segment before it
-  Real3 shift;      // of what follows
-} Walk;
-
-static Walk walk_from(Real3 root, Real3 first) {
-  Walk walk;
-  walk.near = walk.at = first;
-  walk.shift = (Real3)(0);
-  walk.direction = direction_or(first - root, walk.shift);
-  return walk;
-}
-
-// On to vertex i, which the rounds have left at `far`; clear of the spheres.
-static Walk walk_on(Walk walk, Weights weights, uint i, Real rest_length, Real3 far, const __global Real* spheres,
-                    int sphere_count) {
+// One step of the exact walk: from `before` to vertex i, which the rounds have left at `far`; clear of the spheres.
+static Real3 walk_to(Weights weights, uint i, Real rest_length, Real3 before, Real3 far, Real3* direction,
+                     const __global Real* spheres, int sphere_count) {
   const bool swept = is_swept(weights, i);
-  const Real3 edge = far - walk.near;
-  const Real3 before = walk.at;
-  walk.direction = direction_or(edge, walk.direction);
-  walk.shift = walk.shift + walk.direction * missing_length(edge, rest_length);
-  if (!swept) walk.shift = (Real3)(0);
-  walk.near = far;
-  Real3 at = far + walk.shift;
+  const Real3 edge = far - before;
+  *direction = direction_or(edge, *direction);
+  Real3 at = far;
+  if (swept) at = far + *direction * missing_length(edge, rest_length);
 #ifdef HAS_SPHERES
   for (int k = 0; k < sphere_count; ++k) {
     const __global Real* const sphere = spheres + 4 * k;
     const Real3 center = triple(sphere);
     if (!(squared_distance(at, center) < sphere[3] * sphere[3])) continue;
-    const Real3 out = swept ? swing_out_of_sphere(at, before, rest_length, center, sphere[3])
-                            : push_out_of_sphere(at, center, sphere[3], free_weight(weights, i));
-    if (swept) walk.shift = walk.shift + (out - at);
-    at = out;
+    at = swept ? swing_out_of_sphere(at, before, rest_length, center, sphere[3])
+               : push_out_of_sphere(at, center, sphere[3], free_weight(weights, i));
   }
 #endif
-  walk.at = at;
-  return walk;
+  return at;
 }
 #endif

@@ -39,10 +39,11 @@ static void solve_lengths(Weights weights, uint n, const __global Real* rest_len
 // The exact walk, clear of the spheres.
 static void sweep_lengths(Weights weights, uint n, const __global Real* rest_length, __global Real* q,
                           const __global Real* spheres, int sphere_count) {
-  Walk walk = walk_from(read3(q, 0), read3(q, 1));
+  Real3 at = read3(q, 1);
+  Real3 direction = direction_or(at - read3(q, 0), (Real3)(0));
   for (uint i = 2; i < n; ++i) {
-    walk = walk_on(walk, weights, i, read1(rest_length, i), read3(q, i), spheres, sphere_count);
-    write3(q, i, walk.at);
+    at = walk_to(weights, i, read1(rest_length, i), at, read3(q, i), &direction, spheres, sphere_count);
+    write3(q, i, at);
   }
 }
 #endif

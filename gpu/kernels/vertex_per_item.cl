@@ -283,10 +283,12 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
       SHARED_BARRIER;
     }
     if (row == 0 && counts[kDirectLengths]) {
-      Walk walk = walk_from(NAME(read_shared)(q, 0), NAME(read_shared)(q, 1));
+      Real3 at = NAME(read_shared)(q, 1);
+      Real3 direction = direction_or(at - NAME(read_shared)(q, 0), (Real3)(0));
       for (uint i = 2; i < n; ++i) {
-        walk = walk_on(walk, weights, i, read1(length_of, i), NAME(read_shared)(q, i), spheres_now, sphere_count);
-        NAME(write_shared)(q, i, walk.at);
+        at = walk_to(weights, i, read1(length_of, i), at, NAME(read_shared)(q, i), &direction, spheres_now,
+                     sphere_count);
+        NAME(write_shared)(q, i, at);
       }
     }
     SHARED_BARRIER;

@@ -13,13 +13,13 @@
 //
 // A strand that is held by its root alone has m >= 1. Between two pinned vertices A can be singular, and no correction
 // may exist: those segments have a compliance, which shares what is left among them.
-// Newton may overshoot where a step is longer than a segment. So after the rounds one walk from the root keeps all
-// directions and makes each length exact where no pinned vertex follows,
+// Newton may overshoot where a step is longer than a segment. So after the rounds one walk from the root makes each
+// length exact where no pinned vertex follows,
 //
-//   P'_j = P_j + s_j,   s_j = s_{j-1} + (L_j - |P_j - P_{j-1}|) u_j,
+//   e = P_j - P'_{j-1},   P'_j = P_j + (L_j - |e|) unit(e),
 //
 // which leaves every bit where lengths are what they should be. There a vertex that then lies in a sphere goes to the
-// nearest point that is on the sphere and at its length from the vertex before, and those after it go along.
+// nearest point that is on the sphere and at its length from the vertex before.
 // Source: the tridiagonal solve of Han, Harada, "Tridiagonal Matrix Formulation for Inextensible Hair Strand
 // Simulation", VRIPHYS 2013; rounds, walk, compliance and spheres: ours. Checks: tests/sim/passes_test.cpp,
 // tests/sim/lengths_test.cpp.

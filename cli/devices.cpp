@@ -24,6 +24,7 @@ int run_devices(bool json) {
                       {"version", device.version},
                       {"driver", device.driver},
                       {"gpu", device.is_gpu},
+                      {"shares_memory", device.shares_memory},
                       {"memory", device.memory},
                       {"largest_buffer", device.largest_buffer},
                       {"local_memory", device.local_memory},

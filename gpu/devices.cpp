@@ -48,6 +48,7 @@ Device describe(cl_platform_id platform, cl_device_id id) {
   device.exact_float = (number<cl_device_fp_config>(id, CL_DEVICE_SINGLE_FP_CONFIG) & kExact) == kExact ||
                        (type & CL_DEVICE_TYPE_CPU) != 0;
   device.exact_double = number<cl_device_fp_config>(id, CL_DEVICE_DOUBLE_FP_CONFIG) != 0;
+  device.shares_memory = number<cl_bool>(id, CL_DEVICE_HOST_UNIFIED_MEMORY) != CL_FALSE;
   device.memory = number<cl_ulong>(id, CL_DEVICE_GLOBAL_MEM_SIZE);
   device.largest_buffer = number<cl_ulong>(id, CL_DEVICE_MAX_MEM_ALLOC_SIZE);
   device.local_memory = number<cl_ulong>(id, CL_DEVICE_LOCAL_MEM_SIZE);

@@ -16,6 +16,7 @@ struct Device {
   bool is_gpu = false;
   bool exact_float = false;          // division and square root are rounded right, so bytes are those of the CPU
   bool exact_double = false;         // has double precision (whose division and square root always are)
+  bool shares_memory = false;        // with the CPU
   std::uint64_t memory = 0;          // [bytes]
   std::uint64_t largest_buffer = 0;  // [bytes]
   std::uint64_t local_memory = 0;    // [bytes], of a work-group

@@ -28,7 +28,7 @@ struct OpenCL {
   F(CreateCommandQueue) F(ReleaseCommandQueue) F(CreateBuffer) F(ReleaseMemObject) F(CreateProgramWithSource) \
   F(CreateProgramWithBinary) F(BuildProgram) F(GetProgramInfo) F(GetProgramBuildInfo) F(ReleaseProgram) \
   F(CreateKernel) F(ReleaseKernel) F(SetKernelArg) F(EnqueueNDRangeKernel) F(EnqueueReadBuffer) \
-  F(EnqueueWriteBuffer) F(WaitForEvents) F(GetEventProfilingInfo) F(ReleaseEvent) F(Flush) F(Finish)
+  F(EnqueueWriteBuffer) F(EnqueueMapBuffer) F(EnqueueUnmapMemObject) F(WaitForEvents) F(GetEventProfilingInfo) F(ReleaseEvent) F(Flush) F(Finish)
 // clang-format on
 #define F(name) decltype(&::cl##name) name;
   STRANDBAKE_OPENCL_FUNCTIONS(F)

@@ -66,6 +66,9 @@ class Implementation final : public OpenCLSolver {
   ~Implementation() override {
     // Nothing may still be at work on memory that goes away.
     if (compute_) opencl().Finish(compute_.get());
+    if (landed_ != nullptr) {
+      opencl().EnqueueUnmapMemObject(transfer_.get(), landing_.get(), landed_, 0, nullptr, nullptr);
+    }
     if (transfer_) opencl().Finish(transfer_.get());
   }
 
@@ -112,6 +115,7 @@ class Implementation final : public OpenCLSolver {
   void place(const Groom& groom, std::uint64_t budget);
   void cut_into_batches(std::uint64_t budget);
   void make_batch(Batch& batch, const Groom& groom);
+  void make_landing();
   void start(const FrameInput& input);
   void simulate(const Batch& batch, cl_mem state, cl_uint substeps);
   void gather(const Batch& batch, cl_mem state, cl_uint swapped) const;
@@ -119,6 +123,7 @@ class Implementation final : public OpenCLSolver {
   template <class Out>
   void read_as(std::span<Out> out) const;
   void run_frame(const FrameInput& input, std::span<Eigen::Vector3f> out, const Alongside& alongside);
+  void take_landed(std::span<Eigen::Vector3f> out) const;
   void find_non_finite_in(std::span<const Eigen::Vector3f> positions);
   void count_kernel_time();
 
@@ -136,7 +141,7 @@ class Implementation final : public OpenCLSolver {
   // In the order in which they have to go: queues and kernels before buffers, all before the context.
   Context context_;
   Buffer region_reals_, region_ints_, substep_reals_, substep_ints_, spheres_, scratch_, streamed_state_;
-  Buffer positions_, not_finite_;
+  Buffer positions_, not_finite_, landing_;
   Program program_;
   Kernel advance_strands_, gather_;
   std::map<std::pair<Launch::Kind, int>, Kernel> advance_vertices_;
@@ -144,6 +149,8 @@ class Implementation final : public OpenCLSolver {
   Queue compute_, transfer_;
   std::vector<Event> events_;     // of the kernels that simulate the frame started last
   std::vector<Event> finishing_;  // and the one before it
+
+  Eigen::Vector3f* landed_ = nullptr;  // where positions arrive that travel: landing_; nullptr: where they are wanted
 
   bool swapped_ = false;       // the newest positions stand in Block::previous
   double substep_before_ = 0;  // [s], 0 before the first frame
@@ -454,6 +461,7 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
     }
   }
   if (!report_.streamed) host_state_ = {};
+  if (!device_.shares_memory) make_landing();
 }
 
 template <class Scalar>
@@ -498,6 +506,19 @@ void Implementation<Scalar>::place(const Groom& groom, std::uint64_t budget) {
     }
   }
   scratch_ = make_buffer(scratch_bytes, nullptr);
+}
+
+// Memory that the driver has pinned: what is read into it comes at full speed, while the CPU does something else.
+// Without it positions come all the same.
+template <class Scalar>
+void Implementation<Scalar>::make_landing() {
+  const std::size_t bytes = sizeof(Eigen::Vector3f) * offset_.back();
+  cl_int status = CL_SUCCESS;
+  landing_ = Buffer(cl_.CreateBuffer(context_.get(), CL_MEM_ALLOC_HOST_PTR, bytes, nullptr, &status));
+  if (status != CL_SUCCESS) return;
+  void* const mapped = cl_.EnqueueMapBuffer(transfer_.get(), landing_.get(), CL_TRUE, CL_MAP_READ | CL_MAP_WRITE, 0,
+                                            bytes, 0, nullptr, nullptr, &status);
+  if (status == CL_SUCCESS) landed_ = static_cast<Eigen::Vector3f*>(mapped);
 }
 
 template <class Scalar>
@@ -686,8 +707,8 @@ void Implementation<Scalar>::run_frame(const FrameInput& input, std::span<Eigen:
   const auto read_positions = [&](std::span<Eigen::Vector3f> to) {
     cl_event done = nullptr;
     cl_event const after = ready.get();
-    check_opencl(cl_.EnqueueReadBuffer(transfer_.get(), positions_.get(), CL_FALSE, 0, to.size_bytes(), to.data(), 1,
-                                       &after, &done),
+    check_opencl(cl_.EnqueueReadBuffer(transfer_.get(), positions_.get(), CL_FALSE, 0, to.size_bytes(),
+                                       landed_ != nullptr ? landed_ : to.data(), 1, &after, &done),
                  "hand back data");
     here = Event(done);
     check_opencl(cl_.Flush(transfer_.get()), "start");
@@ -704,6 +725,7 @@ void Implementation<Scalar>::run_frame(const FrameInput& input, std::span<Eigen:
   }
   cl_event const waited[] = {ready.get(), here.get()};
   check_opencl(cl_.WaitForEvents(here ? 2 : 1, waited), "finish a frame");
+  if (here) take_landed(out);
   count_kernel_time();
   if (found_not_finite_ != 0) {
     std::vector<Eigen::Vector3f> positions;
@@ -712,10 +734,20 @@ void Implementation<Scalar>::run_frame(const FrameInput& input, std::span<Eigen:
       out = positions;
       read_positions(out);
       check_opencl(cl_.Finish(transfer_.get()), "finish a frame");
+      take_landed(out);
     }
     find_non_finite_in(out);
   }
   failure.rethrow();
+}
+
+template <class Scalar>
+void Implementation<Scalar>::take_landed(std::span<Eigen::Vector3f> out) const {
+  if (landed_ == nullptr) return;
+#pragma omp parallel for num_threads(options_.threads)
+  for (std::ptrdiff_t v = 0; v < static_cast<std::ptrdiff_t>(out.size()); ++v) {
+    out[static_cast<std::size_t>(v)] = landed_[v];
+  }
 }
 
 template <class Scalar>

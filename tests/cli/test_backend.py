@@ -203,7 +203,7 @@ STAND_IN = r'''
   F(clReleaseContext) F(clCreateCommandQueue) F(clReleaseCommandQueue) F(clReleaseMemObject) \
   F(clCreateProgramWithSource) F(clCreateProgramWithBinary) F(clBuildProgram) F(clGetProgramInfo) \
   F(clGetProgramBuildInfo) F(clReleaseProgram) F(clCreateKernel) F(clReleaseKernel) F(clSetKernelArg) \
-  F(clEnqueueReadBuffer) F(clEnqueueWriteBuffer) F(clWaitForEvents) F(clGetEventProfilingInfo) F(clReleaseEvent) \
+  F(clEnqueueReadBuffer) F(clEnqueueWriteBuffer) F(clEnqueueMapBuffer) F(clEnqueueUnmapMemObject) F(clWaitForEvents) F(clGetEventProfilingInfo) F(clReleaseEvent) \
   F(clFlush) F(clFinish)
 #define F(name) static void* real_##name; __attribute__((naked)) void name(void) { __asm__("jmp *%0" ::"m"(real_##name)); }
 EACH(F)
@@ -223,6 +223,7 @@ void* clCreateBuffer(void* context, unsigned long flags, size_t size, void* host
 int clGetDeviceInfo(void* device, unsigned what, size_t size, void* value, size_t* size_of) {
   int status = real_device_info(device, what, size, value, size_of);
   if (what == 0x1000 && getenv("AS_GPU")) *(unsigned long*)value = 4; /* CL_DEVICE_TYPE, CL_DEVICE_TYPE_GPU */
+  if (what == 0x1035 && getenv("AS_GPU")) *(unsigned*)value = 0; /* CL_DEVICE_HOST_UNIFIED_MEMORY */
   if (what == 0x101B && getenv("INEXACT")) *(unsigned long*)value &= ~(1UL << 7); /* CL_DEVICE_SINGLE_FP_CONFIG */
   return status;
 }

@@ -49,9 +49,7 @@ Precision precision_of(const Scene& scene) {
 }
 
 double vertex_substeps(const Shot& shot, int last_frame) {
-  const Scene& scene = shot.scene;
-  const double frames = static_cast<double>(last_frame) - scene.first_frame + scene.bake.preroll;
-  return static_cast<double>(shot.groom.vertex_count()) * frames * scene.bake.substeps;
+  return static_cast<double>(shot.groom.vertex_count()) * static_cast<double>(shot.count_substeps(last_frame).total);
 }
 
 Backend choose_backend(const BackendOptions& options, Precision precision, double vertex_substeps) {

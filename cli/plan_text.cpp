@@ -28,6 +28,15 @@ std::string wind(const RegionPlan& plan, const RegionParams& p) {
   return p.drag == 0 ? "skipped, drag = 0" : "skipped, there is no wind in any frame";
 }
 
+std::string substeps(const Shot& shot, int last_frame) {
+  const BakeParams& bake = shot.scene.bake;
+  if (bake.substeps) return fmt::format("{} substeps each", *bake.substeps);
+  const Shot::Substeps count = shot.count_substeps(last_frame);
+  return fmt::format("{}{} substeps each, {} in all (auto, tolerance {} m)",
+                     count.least < count.most ? fmt::format("{} to ", count.least) : "", count.most, count.total,
+                     bake.tolerance);
+}
+
 }  // namespace
 
 std::string describe_plan(const Shot& shot, std::pair<int, int> written, const Backend& backend, int threads) {
@@ -78,8 +87,8 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, const B
   const double frame_bytes = 12.0 * static_cast<double>(shot.groom.vertex_count());
   text += "bake\n";
   const int before = written.first - scene.first_frame + scene.bake.preroll;
-  line("frames", fmt::format("{} to {}, {} a second, {} substeps each{}", written.first, written.second, scene.bake.fps,
-                             scene.bake.substeps,
+  line("frames", fmt::format("{} to {}, {} a second, {}{}", written.first, written.second, scene.bake.fps,
+                             substeps(shot, written.second),
                              before > 0 ? fmt::format(", after {} that are simulated but not written", before) : ""));
   SolverOptions solver;
   solver.precision = precision_of(scene);

@@ -249,6 +249,27 @@ class TableReader {
     }
   }
 
+  void operator()(const char* name, std::optional<int>& field, const RangeOrAuto& allowed, const char*, const char*) {
+    const TomlNode* node = take(name);
+    if (!node) return;
+    const std::string path = join(path_, name);
+    if (node->kind == Kind::Text && node->text == "auto") {
+      field.reset();
+    } else if (node->kind != Kind::Integer) {
+      const bool is_slip = node->kind == Kind::Text && closest(node->text, {"auto"});
+      reading_.add(node->origin, path,
+                   fmt::format("{} is {}, but must be a whole number or \"auto\"{}", in_quotes(path), describe(*node),
+                               is_slip ? "; did you mean \"auto\"?"
+                                       : fmt::format(", for example {} = {}", name, toml_text(field))));
+    } else if (!allowed.range.contains(static_cast<double>(node->integer))) {
+      reading_.add(node->origin, path,
+                   fmt::format("{} is {}, but must be {}, or \"auto\"", in_quotes(path), node->integer,
+                               range_text(allowed.range)));
+    } else {
+      field = static_cast<int>(node->integer);  // the range is one of ints
+    }
+  }
+
   void operator()(const char* name, bool& field, const Switch&, const char*, const char*) {
     const TomlNode* node = take(name);
     if (!node) return;

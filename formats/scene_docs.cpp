@@ -128,6 +128,9 @@ Description describe(const std::optional<double>&, const Range& range) {
   description.value.clear();
   return description;
 }
+Description describe(const std::optional<int>& field, const RangeOrAuto& allowed) {
+  return {"whole number", toml_text(field), range_text(allowed.range) + ", or \"auto\"", false};
+}
 Description describe(const bool& field, const Switch&) {
   return {"switch", toml_text(field), "true or false", false};
 }

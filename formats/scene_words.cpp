@@ -58,6 +58,10 @@ std::string toml_text(bool value) {
   return value ? "true" : "false";
 }
 
+std::string toml_text(const std::optional<int>& value) {
+  return value ? toml_text(*value) : toml_text(std::string_view("auto"));
+}
+
 std::string toml_text(std::string_view value) {
   std::string out = "\"";
   for (const char c : value) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -14,6 +15,7 @@ namespace strandbake {
 std::string toml_text(double value);
 std::string toml_text(int value);
 std::string toml_text(bool value);
+std::string toml_text(const std::optional<int>& value);  // none: "auto"
 std::string toml_text(std::string_view value);
 inline std::string toml_text(const std::string& value) {
   return toml_text(std::string_view(value));

@@ -11,6 +11,7 @@
 
 #include "formats/digest.h"
 #include "formats/groom_file.h"
+#include "formats/scene_words.h"
 #include "formats/units.h"
 #include "sim/gusts.h"
 
@@ -372,17 +373,38 @@ std::vector<RegionParams> Shot::regions(double frame) const {
   return params;
 }
 
+Motion Shot::motion(double frame) const {
+  Moment moment(*this, std::max<double>(frame, scene.first_frame));
+  return {head(moment), spheres(moment)};
+}
+
+int Shot::substeps(int frame) const {
+  if (scene.bake.substeps) return *scene.bake.substeps;
+  return frame > scene.first_frame ? auto_substeps.at(static_cast<std::size_t>(frame - scene.first_frame - 1)) : 1;
+}
+
+Shot::Substeps Shot::count_substeps(int last_frame) const {
+  Substeps count;
+  for (int frame = scene.first_frame - scene.bake.preroll + 1; frame <= last_frame; ++frame) {
+    const int now = substeps(frame);
+    count.least = count.total == 0 ? now : std::min(count.least, now);
+    count.most = std::max(count.most, now);
+    count.total += now;
+  }
+  return count;
+}
+
 FrameInput Shot::input(int frame) const {
   const double first = scene.first_frame;
   FrameInput input;
-  const int substeps = scene.bake.substeps;
-  input.substep = 1 / (scene.bake.fps * substeps);
+  const int count = substeps(frame);
+  input.substep = 1 / (scene.bake.fps * count);
   const double held = std::max<double>(frame, first);
   input.gravity = scene.forces.at(held).gravity;
   input.regions = regions(held);
   const WindParams wind = scene.wind.at(held);
-  for (int s = 1; s <= substeps; ++s) {
-    const double now = s == substeps ? frame : frame - 1 + static_cast<double>(s) / substeps;
+  for (int s = 1; s <= count; ++s) {
+    const double now = s == count ? frame : frame - 1 + static_cast<double>(s) / count;
     Moment moment(*this, std::max(now, first));
     input.head.push_back(head(moment));
     input.spheres.push_back(spheres(moment));
@@ -390,6 +412,64 @@ FrameInput Shot::input(int frame) const {
   }
   return input;
 }
+
+namespace {
+
+// A frame after which head and colliders stand still.
+double end_of_motion(const Shot& shot) {
+  const Scene& scene = shot.scene;
+  double end = scene.first_frame;
+  if (!shot.animation.nodes.empty()) {
+    end = scene.head.start.value_or(end) + shot.animation.duration * scene.bake.fps + 1;
+  }
+  for (const Animated<ColliderParams>& collider : scene.colliders) {
+    for (const auto& [path, curve] : collider.keys) end = std::max(end, curve.frame.back());
+  }
+  return end;
+}
+
+void find_substeps(Shot& shot, Faults& faults, Warnings& warnings) {
+  constexpr int kMost = 1000;
+  const Scene& scene = shot.scene;
+  const HairExtent hair = hair_extent(shot.groom, shot.plan);
+  const double end = end_of_motion(shot);
+  SubstepCounter counter(scene.bake.tolerance, scene.bake.fps);
+  std::vector<Motion> path;
+  int beyond = 0, example = 0;
+  for (int frame = scene.first_frame + 1; frame <= scene.last_frame; ++frame) {
+    MotionNeed need;
+    if (!hair.roots.isEmpty() && frame - 2 <= end) {
+      // The last two moments of a frame are the first two of the next one.
+      path.erase(path.begin(), path.end() - std::min<std::ptrdiff_t>(2, std::ssize(path)));
+      try {
+        for (int s = static_cast<int>(path.size()) - 1; s <= kMotionSamples; ++s) {
+          path.push_back(shot.motion(frame - 1 + static_cast<double>(s) / kMotionSamples));
+        }
+      } catch (const InputError& error) {
+        faults.push_back({scene.place("head.animation"), error.what()});
+        return;
+      }
+      need = motion_need(path, hair);
+    }
+    double damping = 1;
+    const std::vector<RegionParams> regions = shot.regions(frame);
+    for (std::size_t r = 0; r < regions.size(); ++r) {
+      if (shot.plan.regions[r].simulated) damping = std::min(damping, regions[r].damping);
+    }
+    const double wanted = counter.next(need, damping);
+    if (wanted > kMost && beyond++ == 0) example = frame;
+    shot.auto_substeps.push_back(static_cast<std::uint16_t>(std::min<double>(wanted, kMost)));
+  }
+  if (beyond > 0) {
+    warnings.push_back(fmt::format(
+        "{}: frame {}{} would take more than {} substeps for \"bake.tolerance\" = {} m and gets {}; does the head or a "
+        "collider jump?",
+        scene.place("bake.substeps"), example, beyond > 1 ? fmt::format(" and {} more", beyond - 1) : "", kMost,
+        toml_text(scene.bake.tolerance), kMost));
+  }
+}
+
+}  // namespace
 
 Shot load_shot(Scene scene, Faults& faults, Warnings& warnings, bool skip_idle) {
   Shot shot;
@@ -419,6 +499,7 @@ Shot load_shot(Scene scene, Faults& faults, Warnings& warnings, bool skip_idle) 
     shot.plan.regions.push_back(plan_region(over_time, windy, skip_idle));
   }
   shot.plan.colliders = !shot.scene.colliders.empty() || !skip_idle;
+  if (!shot.scene.bake.substeps && faults.empty()) find_substeps(shot, faults, warnings);
   return shot;
 }
 

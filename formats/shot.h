@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <utility>
@@ -11,6 +12,7 @@
 
 #include "formats/animation.h"
 #include "formats/scene.h"
+#include "sim/auto_substeps.h"
 #include "sim/frame_input.h"
 #include "sim/groom.h"
 #include "sim/plan.h"
@@ -37,6 +39,7 @@ struct Shot {
   Eigen::Isometry3d head_rest = Eigen::Isometry3d::Identity();  // pose of the head node at the rest frame
   std::vector<Eigen::Isometry3d> collider_rest;                 // [colliders], the same of the nodes they ride
   std::vector<std::pair<std::string, std::string>> inputs;      // each file as the scene names it, and its sha256
+  std::vector<std::uint16_t> auto_substeps;  // of each frame after the first, where bake.substeps is "auto"
 
   // Where a node of the animation stands at a scene frame.
   Eigen::Isometry3d pose(std::size_t node, double frame) const;
@@ -45,9 +48,22 @@ struct Shot {
   std::vector<Sphere> spheres(double frame) const;
   std::vector<RegionParams> regions(double frame) const;
 
+  // How many substeps lead from frame - 1 to `frame`, the last of the scene at most. Before the first (pre-roll)
+  // nothing moves, so there "auto" takes one.
+  int substeps(int frame) const;
+  // Of all frames that are simulated up to one.
+  struct Substeps {
+    int least = 0, most = 0;
+    std::int64_t total = 0;
+  };
+  Substeps count_substeps(int last_frame) const;
+
   // What leads from frame - 1 to `frame`. Before the first frame of the scene (pre-roll) head, colliders and parameters
   // stand as in the first frame, while gusts blow on.
   FrameInput input(int frame) const;
+
+  // Head and spheres at a scene frame, held before the first as in input().
+  Motion motion(double frame) const;
 
  private:
   class Moment;

@@ -59,6 +59,14 @@ constexpr Range more_than(double low) {
   return {low, std::numeric_limits<double>::max(), true};
 }
 
+// A whole number that can be left to the program: in the range, or the word "auto", which empties the field.
+struct RangeOrAuto {
+  Range range;
+};
+constexpr RangeOrAuto or_auto(Range range) {
+  return {range};
+}
+
 // A value over time: straight lines between keys, held before the first and after the last. A scalar uses x alone.
 struct Curve {
   std::vector<double> frame;           // strictly increasing scene frames, at least one

@@ -89,6 +89,20 @@ def test_the_plan_tells_frames_head_memory_and_disk(shot, head):
     assert re.fullmatch(r"about [\d.]+ KiB: solver [\d.]+ KiB, frame 720 B", plan["bake"]["memory"])
 
 
+def test_the_plan_tells_how_many_substeps_motion_needs(shot, head):
+    shot.scene(head, frames="1-240")
+    frames = plan_of(shot.run("check", "scene.toml", "--set", "bake.substeps=auto", "--set", "bake.preroll=2"))["bake"]["frames"]
+    found = re.fullmatch(r"1 to 240, 24 a second, 1 to (\d+) substeps each, (\d+) in all \(auto, tolerance 0\.001 m\), after 2 that "
+                         r"are simulated but not written", frames)
+    most, total = map(int, found.groups())
+    assert 1 < most <= 1000 and 241 - 1 + most <= total <= 241 * most
+    finer = plan_of(shot.run("check", "scene.toml", "--set", "bake.substeps=auto", "--set", "bake.tolerance=1e-5"))["bake"]["frames"]
+    assert 9 * most <= int(re.search(r"1 to (\d+) substeps", finer)[1]) <= 10 * most  # ten times, rounded up
+    shot.scene(frames="1-240", name="still.toml")
+    still = plan_of(shot.run("check", "still.toml", "--set", "bake.substeps=auto"))["bake"]["frames"]
+    assert ", 1 substeps each, 239 in all" in still
+
+
 def test_every_fault_is_listed_at_once_in_order_with_its_place(shot):
     write_hair(shot / "b.hair", hanging(strands=2))
     (shot / "cut.hair").write_bytes((shot / "a.hair").read_bytes()[:200])

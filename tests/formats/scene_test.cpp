@@ -96,6 +96,9 @@ struct Declared {
   void operator()(const char* n, std::optional<double>&, const Range& r, const char*, const char*) {
     add(n, Kind::Optional, r);
   }
+  void operator()(const char* n, std::optional<int>&, const RangeOrAuto& a, const char*, const char*) {
+    add(n, Kind::Int, a.range);
+  }
   void operator()(const char* n, std::string&, const Text& t, const char*, const char*) {
     add(n, Kind::Text, {}, !t.choices.empty());
   }
@@ -147,6 +150,7 @@ TEST_CASE("a scene with nothing but a groom has every parameter at its default")
   CHECK(scene.last_frame == 24);
   CHECK(scene.bake.fps == 24);
   CHECK(scene.bake.substeps == 4);
+  CHECK(scene.bake.tolerance == 0.001);
   CHECK(scene.bake.preroll == 0);
   CHECK(scene.solver.precision == "float");
   REQUIRE(scene.groom.files.size() == 1);
@@ -177,6 +181,7 @@ TEST_CASE("every parameter that a scene writes arrives") {
 frames = "10-20"
 fps = 29.97
 substeps = 8
+tolerance = 2e-4
 preroll = 12
 [solver]
 precision = "double"
@@ -229,6 +234,7 @@ stats = false
   CHECK(scene.last_frame == 20);
   CHECK(scene.bake.fps == 29.97);
   CHECK(scene.bake.substeps == 8);
+  CHECK(scene.bake.tolerance == 2e-4);
   CHECK(scene.bake.preroll == 12);
   CHECK(scene.solver.precision == "double");
   REQUIRE(scene.groom.files.size() == 2);
@@ -337,7 +343,11 @@ TEST_CASE("unknown keys are faults with the closest known key") {
 
 TEST_CASE("wrong types say what was found and what would do") {
   check_fault_below("[bake]\nfps = \"fast\"\n", "4:7", {"\"bake.fps\" is the text \"fast\"", "a number", "fps = 24"});
-  check_fault_below("[bake]\nsubsteps = 4.0\n", "4:12", {"the number 4", "a whole number", "substeps = 4"});
+  check_fault_below("[bake]\nsubsteps = 4.0\n", "4:12", {"the number 4", "a whole number or \"auto\"", "substeps = 4"});
+  check_fault_below("[bake]\nsubsteps = \"fast\"\n", "4:12",
+                    {"\"bake.substeps\" is the text \"fast\", but must be a whole number or \"auto\", for example"});
+  check_fault_below("[bake]\nsubsteps = \"atuo\"\n", "4:12", {"a whole number or \"auto\"; did you mean \"auto\"?"});
+  check_fault_below("[bake]\nsubsteps = [\"auto\"]\n", "4:12", {"a list of 1", "a whole number or \"auto\""});
   check_fault_below("[bake]\nframes = 7\n", "4:10", {"\"bake.frames\" is the number 7", "a text", "frames = \"1-24\""});
   check_fault_below("[solver]\nprecision = 32\n", "4:13", {"the number 32", "\"float\" or \"double\""});
   check_fault_below("[solver]\nprecision = \"flaot\"\n", "4:13",
@@ -368,7 +378,8 @@ TEST_CASE("wrong types say what was found and what would do") {
 TEST_CASE("values out of range say the value, the range and the unit") {
   check_fault_below("[bake]\nfps = 0\n", "4:7", {"\"bake.fps\" is 0", "more than 0 and at most 100000 (1/s)"});
   check_fault_below("[bake]\nfps = -24.5\n", "4:7", {"-24.5"});
-  check_fault_below("[bake]\nsubsteps = 0\n", "4:12", {"\"bake.substeps\" is 0", "from 1 to 1000"});
+  check_fault_below("[bake]\nsubsteps = 0\n", "4:12",
+                    {"\"bake.substeps\" is 0, but must be from 1 to 1000, or \"auto\""});
   check_fault_below("[bake]\nsubsteps = 1001\n", "4:12", {"from 1 to 1000"});
   check_fault_below("[bake]\nsubsteps = 9223372036854775807\n", "4:12", {"9223372036854775807", "from 1 to 1000"});
   check_fault_below("[bake]\npreroll = 4294967297\n", "4:11", {"4294967297", "from 0 to 100000 (frame)"});
@@ -658,6 +669,23 @@ TEST_CASE("lengths are solved directly unless iterations are asked for") {
         {"\"region[0].lengths.iterations\" is 2", "leave out one"});
 }
 
+TEST_CASE("the number of substeps can be left to the program, and taken back") {
+  const auto listed = [](const Scene& scene) {
+    for (const auto& [key, value] : list_parameters(scene)) {
+      if (key == "bake.substeps") return value;
+    }
+    return std::string();
+  };
+  const std::string text = groom + "[bake]\nsubsteps = \"auto\"\n";
+  CHECK_FALSE(read_good(text).bake.substeps);
+  CHECK(listed(read_good(text)) == "\"auto\"");
+  CHECK(read_good(text, {"bake.substeps=3"}).bake.substeps == 3);
+  for (const char* override : {"bake.substeps=auto", "bake.substeps=\"auto\"", "bake.substeps = 'auto'"}) {
+    CHECK_FALSE(read_good(groom, {override}).bake.substeps);
+  }
+  check_fault(groom, "--set bake.substeps=Auto", {"\"bake.substeps\" is the text \"Auto\""}, {"bake.substeps=Auto"});
+}
+
 TEST_CASE("a scene without regions can have its only one overridden") {
   for (const char* override : {"region.hair.damping=0.2", "region[0].damping=0.2"}) {
     const Scene scene = read_good(groom, {override});
@@ -845,6 +873,7 @@ std::string text_of(const std::vector<std::pair<std::string, std::string>>& list
 TEST_CASE("the list of parameters is in the order of declaration and reads back to the same") {
   const Scene scene = read_good(groom + R"([bake]
 fps = 29.97
+substeps = "auto"
 [head]
 clip = "a \"b\"\n"
 start = 0.1
@@ -858,7 +887,8 @@ sphere.center = {1 = [0, 1, 2]}
   const auto list = list_parameters(scene);
   CHECK(text_of(list) == R"(bake.frames = "1-24"
 bake.fps = 29.97
-bake.substeps = 4
+bake.substeps = "auto"
+bake.tolerance = 0.001
 bake.preroll = 0
 solver.precision = "float"
 groom.files[0].file = "a.hair"

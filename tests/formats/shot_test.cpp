@@ -542,6 +542,100 @@ sphere = {center = {-9 = [9, 9, 9], 1 = [0, 1, 0]}, radius = 0.1}
   }
 }
 
+// A head that stands at these places along x, a key a frame of 1/24 s.
+std::string bvh_of(const std::vector<double>& x) {
+  std::string text =
+      "HIERARCHY\nROOT Head\n{\n  OFFSET 0 0 0\n  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation "
+      "Yrotation\n"
+      "  End Site\n  {\n    OFFSET 0 0.2 0\n  }\n}\nMOTION\nFrames: " +
+      std::to_string(x.size()) + "\nFrame Time: 0.0416666666666667\n";
+  for (const double value : x) text += std::to_string(value) + " 0 0 0 0 0\n";
+  return text;
+}
+const std::string automatic = "[bake]\nframes = \"1-30\"\nsubsteps = \"auto\"\n";
+
+TEST_CASE("a frame takes as many substeps as its motion needs, and the input says so") {
+  const Folder folder;
+  folder.write_groom("a.hair", {{0, 0, 0}, {0.1, 0, 0}});
+  // Stands for 5 frames, then goes at 0.024 m a frame for 5 more, and stands again: two jumps of the velocity, each by
+  // 16 times 0.024 m, which take the square root of 384.
+  std::vector<double> x(5, 0.0);
+  for (int k = 0; k < 6; ++k) x.push_back(0.024 * k);
+  folder.write("head.bvh", bvh_of(x));
+  const Shot shot =
+      load(folder, automatic + one_groom + head + "[[region]]\nname = \"all\"\ndamping = 1\n", {"bake.preroll=2"});
+  for (int frame = -1; frame <= 30; ++frame) {
+    CAPTURE(frame);
+    const int expected = frame == 7 || frame == 12 ? 20 : 1;
+    CHECK(shot.substeps(frame) == expected);
+    const FrameInput input = shot.input(frame);
+    REQUIRE(input.substeps() == static_cast<std::size_t>(expected));
+    CHECK(input.substep == 1 / (24.0 * expected));
+    CHECK(same(input.head.back(), shot.head(std::max(frame, 1))));
+  }
+  const Shot::Substeps count = shot.count_substeps(30);
+  CHECK(count.least == 1);
+  CHECK(count.most == 20);
+  CHECK(count.total == 2 * 20 + 29);  // of the 31 frames after frame -1
+  CHECK(shot.count_substeps(6).total == 7);
+  CHECK(shot.count_substeps(-1).total == 0);
+}
+
+TEST_CASE("the least damping of the simulated regions, as it is keyed, says for how long hair rings") {
+  const Folder folder;
+  folder.write_groom("a.hair", {{0, 0, 0}, {0.1, 0, 0}});
+  folder.write("head.bvh", bvh_of({0, 0, 0.1, 0.1}));
+  const auto counts = [&](const std::string& more, const std::string& fraction) {
+    const Shot shot =
+        load(folder, automatic + one_groom + head + more + "\n[[region]]\nname = \"a\"\nstrands.range = \"0\"\n" +
+                         fraction + "[[region]]\nname = \"b\"\ndamping = 1\n");
+    return std::vector<int>{shot.substeps(3), shot.substeps(4), shot.substeps(5), shot.substeps(30)};
+  };
+  // 1600 mm: 40; once more when it stops; then 0.9^2.5 of it in each frame.
+  CHECK(counts("", "damping = 1\n") == std::vector<int>{40, 40, 1, 1});
+  CHECK(counts("", "damping = 0.1\n") == std::vector<int>{40, 40, 36, 2});
+  CHECK(counts("", "damping = 0\n") == std::vector<int>{40, 40, 40, 40});
+  CHECK(counts("", "damping = 0\nsimulate = false\n") == std::vector<int>{40, 40, 1, 1});
+  CHECK(counts("", "damping = {4 = 1, 5 = 0}\n") == std::vector<int>{40, 40, 40, 40});
+  CHECK(counts("", "damping = {5 = 0, 6 = 1}\n") == std::vector<int>{40, 40, 40, 1});
+}
+
+TEST_CASE("colliders ask for substeps of their own, by their keys too") {
+  const Folder folder;
+  folder.write_groom("a.hair", {{0, 0, 0}});
+  const auto counts = [&](const std::string& sphere) {  // strands reach 0.2 m
+    const Shot shot =
+        load(folder, automatic + one_groom + "[[region]]\nname = \"a\"\ndamping = 1\n[[collider]]\nsphere = " + sphere);
+    return std::vector<int>{shot.substeps(9), shot.substeps(10), shot.substeps(11), shot.substeps(20),
+                            shot.substeps(21)};
+  };
+  CHECK(counts("{center = [0, 0, 0]}\n") == std::vector<int>{1, 1, 1, 1, 1});
+  // 0.1 m a frame, from frame 9 to 20: beside what its start and stop take, a small one that is in reach takes more.
+  const std::string flying = "{center = {9 = [-0.25, -0.1, 0], 20 = [0.85, -0.1, 0]}, radius = ";
+  CHECK(counts(flying + "0.02}\n") == std::vector<int>{1, 40, 10, 1, 1});
+  CHECK(counts(flying + "1}\n") == std::vector<int>{1, 40, 1, 1, 40});
+}
+
+TEST_CASE("where hair only rides, one substep will do") {
+  const Folder folder;
+  folder.write_groom("a.hair", {{0, 0, 0}});
+  folder.write("head.bvh", bvh_of({0, 0, 0.1, 0.1}));
+  const Shot shot = load(folder, automatic + one_groom + head + "[[region]]\nname = \"a\"\nsimulate = false\n");
+  CHECK(shot.count_substeps(30).most == 1);
+}
+
+TEST_CASE("motion that would take more substeps than there may be is told") {
+  const Folder folder;
+  folder.write_groom("a.hair", {{0, 0, 0}});
+  folder.write("head.bvh", bvh_of({0, 0, 100, 100}));
+  const Loaded loaded = try_load(folder, automatic + one_groom + head + "units = \"m\"\n");
+  CHECK(loaded.faults.empty());
+  REQUIRE(loaded.warnings.size() == 1);
+  CHECK_THAT(loaded.warnings[0], Catch::Contains("scene.toml:3:12: frame 3 and ") && Catch::Contains("more than 1000"));
+  CHECK(loaded.shot.substeps(3) == 1000);
+  CHECK(load(folder, automatic + one_groom + head, {"bake.substeps=7"}).substeps(3) == 7);
+}
+
 TEST_CASE("where there is no wind a frame's input has none") {
   const Folder folder;
   folder.write_groom("a.hair", {{0, 0, 0}});

@@ -217,6 +217,7 @@ class Bake {
     const auto next = needed ? positions(kNext) : std::span<Eigen::Vector3f>();
     if (frame > first_simulated()) {
       const FrameInput input = next_input_ ? std::move(*next_input_) : shot_.input(frame);
+      substeps_ = static_cast<int>(input.substeps());
       next_input_.reset();
       if (frame < written_.second) {
         next_input_ = shot_.input(frame + 1);
@@ -275,6 +276,7 @@ class Bake {
     pending_->time = frame / scene().bake.fps;
     pending_->position = positions(kNow);
     pending_->head = shot_.head(frame);
+    pending_->stats.substeps = substeps_;
     if (velocity_) {
       if (frame == first_simulated()) {
         pending_->velocity = [](std::size_t, std::span<Eigen::Vector3f> out) {
@@ -330,6 +332,7 @@ class Bake {
   std::optional<CacheWriter> writer_;
   std::string made_by_;
   std::optional<FrameInput> next_input_;
+  int substeps_ = 0;  // of the last advance_to()
   std::vector<float> rest_length_;
   std::vector<std::uint8_t> pinned_;
   std::array<Positions, 3> positions_;
@@ -390,8 +393,9 @@ int run_bake(BakeOptions options) {
     progress->update(static_cast<std::size_t>(frame) - static_cast<std::size_t>(first) + 1, note);
   };
   const bool stats = shot.scene.cache.stats;
+  const Shot::Substeps substeps = shot.count_substeps(written.second);
   Bake bake(std::move(shot), options, backend, events, written, [&](int frame, const FrameStats& found) {
-    nlohmann::ordered_json event = {{"event", "frame"}, {"frame", frame}};
+    nlohmann::ordered_json event = {{"event", "frame"}, {"frame", frame}, {"substeps", found.substeps}};
     if (stats) {
       event["largest_stretch"] = found.largest_stretch;
       event["deepest_penetration"] = found.deepest_penetration;
@@ -405,6 +409,7 @@ int run_bake(BakeOptions options) {
                {"first_frame", written.first},
                {"last_frame", written.second},
                {"simulated_from", first},
+               {"substeps", {{"least", substeps.least}, {"most", substeps.most}, {"total", substeps.total}}},
                {"vertices", bake.vertex_count()},
                {"solver", bake.made_by()},
                {"threads", options.threads}});

@@ -2,6 +2,8 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cstdint>
+#include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -12,24 +14,36 @@
 namespace strandbake {
 namespace {
 
-struct Worst {
-  double value = 0;
+// The largest figure of all frames and the first frame that has it.
+template <class T>
+struct Most {
+  T value = -1;
   int frame = 0;
+  void add(T other, int its_frame) {
+    if (other > value) *this = {other, its_frame};
+  }
 };
 
 int run_info(const std::filesystem::path& path, bool json) {
   const CacheReader cache(path);
   const CacheHeader& header = cache.header();
-  Worst stretch, penetration;
+  Most<double> stretch, penetration;
+  Most<int> substeps;
+  int least_substeps = std::numeric_limits<int>::max();
+  std::int64_t all_substeps = 0;
   bool has_stats = false;
   for (std::size_t f = 0; f < cache.frame_count(); ++f) {
     const auto stats = cache.stats(f);
     if (!stats) break;
     has_stats = true;
-    if (stats->largest_stretch > stretch.value) stretch = {stats->largest_stretch, cache.frame_number(f)};
-    if (stats->deepest_penetration > penetration.value)
-      penetration = {stats->deepest_penetration, cache.frame_number(f)};
+    const int frame = cache.frame_number(f);
+    stretch.add(stats->largest_stretch, frame);
+    penetration.add(stats->deepest_penetration, frame);
+    substeps.add(stats->substeps, frame);
+    all_substeps += stats->substeps;
+    if (stats->substeps > 0) least_substeps = std::min(least_substeps, stats->substeps);
   }
+  least_substeps = std::min(least_substeps, substeps.value);  // where no frame was simulated
   std::vector<std::size_t> strands(header.region_names.size(), 0);
   for (const std::uint32_t region : header.region) ++strands[region];
   const std::size_t frames = cache.frame_count();
@@ -58,6 +72,8 @@ int run_info(const std::filesystem::path& path, bool json) {
     if (has_stats) {
       out["largest_stretch"] = {{"value", stretch.value}, {"frame", stretch.frame}};
       out["deepest_penetration"] = {{"value", penetration.value}, {"frame", penetration.frame}};
+      out["substeps"] = {
+          {"least", least_substeps}, {"most", substeps.value}, {"frame", substeps.frame}, {"total", all_substeps}};
     }
     // Names of files need not be UTF-8, but JSON must.
     fmt::print("{}\n", out.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
@@ -85,6 +101,10 @@ int run_info(const std::filesystem::path& path, bool json) {
     line("penetration", penetration.value > 0
                             ? fmt::format("{:.3g} m at most, in frame {}", penetration.value, penetration.frame)
                             : "none");
+    line("substeps", least_substeps == substeps.value
+                         ? fmt::format("{} a frame, {} in all", substeps.value, all_substeps)
+                         : fmt::format("{} to {} a frame, {} in all, most in frame {}", least_substeps, substeps.value,
+                                       all_substeps, substeps.frame));
   }
   for (const auto& [name, sha256] : header.inputs) line("input", fmt::format("{}  {}", sha256, name));
   return kGood;

@@ -289,6 +289,7 @@ struct CacheReader::Impl {
   std::vector<double> time;
   std::vector<Eigen::Matrix<double, 4, 4, Eigen::RowMajor>> head;
   std::vector<float> stretch, penetration;
+  std::vector<std::int32_t> substeps;
   Dataset position, velocity;
 
   void open(const std::filesystem::path& cache) {
@@ -408,10 +409,12 @@ struct CacheReader::Impl {
     options.stats = has(file, "/stats");
     Dataset stretches;
     Dataset penetrations;
+    Dataset substep_counts;
     if (options.stats) {
       stretches = open_frames("/stats/largest_stretch", {}, H5T_IEEE_F32LE);
       penetrations = open_frames("/stats/deepest_penetration", {}, H5T_IEEE_F32LE);
-      counts.insert(counts.end(), {stretches.dims[0], penetrations.dims[0]});
+      substep_counts = open_frames("/stats/substeps", {}, H5T_STD_I32LE);
+      counts.insert(counts.end(), {stretches.dims[0], penetrations.dims[0], substep_counts.dims[0]});
     }
     const auto [fewest, most] = std::ranges::minmax(counts);
     complete = read_attribute<std::uint8_t>(file, "complete", H5T_STD_U8LE) != 0;
@@ -425,6 +428,7 @@ struct CacheReader::Impl {
     if (options.stats) {
       read_first_frames(stretches, stretch);
       read_first_frames(penetrations, penetration);
+      read_first_frames(substep_counts, substeps);
     }
   }
 
@@ -508,7 +512,7 @@ Eigen::Isometry3d CacheReader::head(std::size_t index) const {
 std::optional<FrameStats> CacheReader::stats(std::size_t index) const {
   impl_->check(index);
   if (!impl_->options.stats) return std::nullopt;
-  return FrameStats{impl_->stretch[index], impl_->penetration[index]};
+  return FrameStats{impl_->stretch[index], impl_->penetration[index], impl_->substeps[index]};
 }
 
 void CacheReader::read_position(std::size_t index, std::span<Eigen::Vector3f> out) const {

@@ -93,6 +93,8 @@ def test_json_events_are_one_object_a_line(shot):
     assert [e["frame"] for e in events[1:-1]] == [1, 2, 3, 4]
     stretch = read(shot / "scene.h5")["stats/largest_stretch"]
     np.testing.assert_array_equal(np.array([e["largest_stretch"] for e in events[1:-1]], np.float32), stretch)
+    assert start["substeps"] == {"least": 4, "most": 4, "total": 12}
+    assert [e["substeps"] for e in events[1:-1]] == [0, 4, 4, 4]  # the first frame is where hair starts
     assert done["bytes"] == (shot / "scene.h5").stat().st_size and done["seconds"] > 0
 
 
@@ -172,6 +174,27 @@ def test_output_that_cannot_be_written_to_stdout_is_an_error(shot):
 # Options
 
 
+def test_automatic_substeps_are_told_and_written(shot, head):
+    shot.scene(head, frames="1-60")
+    auto = ["--set", "bake.substeps=auto", "--set", "bake.preroll=2"]
+    run = shot.run("bake", "scene.toml", "-o", "out.h5", "--json", *auto)
+    start, *frames, done = events_of(run)
+    found = read(shot / "out.h5")
+    counts = found["stats/substeps"]
+    assert counts.dtype == np.int32 and [e["substeps"] for e in frames] == list(counts)
+    assert start["substeps"] == {"least": 1, "most": counts.max(), "total": counts.sum() + 1}  # one before the first
+    assert counts[0] == 1 and 2 < counts.max() <= 1000 and len(set(counts)) > 5
+    assert done["block_substeps"] == start["substeps"]["total"]
+    assert b'bake.substeps' in found["provenance/parameters/name"] and b'"auto"' in found["provenance/parameters/value"]
+    # However the bake is cut, and on whatever it runs.
+    part = read(shot.bake(*auto, "--frames", "30-40", out="part.h5"))
+    np.testing.assert_array_equal(part["stats/substeps"], counts[29:40])
+    np.testing.assert_array_equal(part["frames/position"], found["frames/position"][29:40])
+    for option in (["--lanes", "4"], ["--threads", "3"]):
+        assert shot.bake(*auto, *option, out="again.h5").read_bytes() == (shot / "out.h5").read_bytes()
+        (shot / "again.h5").unlink()
+
+
 def test_frames_writes_the_same_frames_as_the_full_bake(shot, head):
     shot.scene(head + "[wind]\nvelocity = [2, 0, 0]\ngust = 0.5\n[cache]\nvelocity = true\n", frames="-1-6")
     full = read(shot.bake("--set", "bake.preroll=2", out="full.h5"))
@@ -184,7 +207,7 @@ def test_frames_writes_the_same_frames_as_the_full_bake(shot, head):
         part = read(shot / "part.h5")
         for name in ("position", "velocity", "head", "time", "number"):
             np.testing.assert_array_equal(part[f"frames/{name}"], full[f"frames/{name}"][first + 1:last + 2])
-        for name in ("largest_stretch", "deepest_penetration"):
+        for name in ("largest_stretch", "deepest_penetration", "substeps"):
             np.testing.assert_array_equal(part[f"stats/{name}"], full[f"stats/{name}"][first + 1:last + 2])
 
 

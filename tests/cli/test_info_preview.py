@@ -63,6 +63,7 @@ def test_info_says_what_is_in_a_cache(shot, cache):
     assert ["region", '"left", 2 strands'] in lines and ["region", '"right", 3 strands'] in lines
     assert re.search(r"positions +[\d.]+ [KM]?i?B, [\d.]+ : 1, deflate, rounded to 1e-05 m", run.out)
     assert ["velocities", "yes"] in lines
+    assert ["substeps", "4 a frame, 12 in all"] in lines
     digest = hashlib.sha256((shot / "a.hair").read_bytes()).hexdigest()
     assert f"{digest}  a.hair" in run.out
 
@@ -79,6 +80,29 @@ def test_info_as_json_says_the_same(shot, cache):
     assert info["inputs"] == [{"name": "a.hair", "sha256": hashlib.sha256((shot / "a.hair").read_bytes()).hexdigest()}]
     stretch = found["stats/largest_stretch"]
     assert info["largest_stretch"] == {"value": stretch.max(), "frame": found["frames/number"][stretch.argmax()]}
+
+
+def test_info_tells_where_figures_are_worst(shot, head):
+    """A sphere that the hair is thrown into, and as many substeps as that takes."""
+    shot.scene(head + '[[collider]]\nsphere = {center = [0.02, 1.53, 0.01], radius = 0.02}\n', frames="1-40")
+    cache = shot.bake("--set", "bake.substeps=auto", "--set", "region[0].lengths.iterations=0")
+    found = read(cache)
+    info = json.loads(shot.run("info", "out.h5", "--json").out)
+    number = found["frames/number"]
+    for name in ("largest_stretch", "deepest_penetration"):
+        figures = found[f"stats/{name}"]
+        assert figures.max() > 0
+        assert info[name] == {"value": figures.max(), "frame": number[figures.argmax()]}
+    counts = found["stats/substeps"]
+    assert info["substeps"] == {"least": counts[1:].min(), "most": counts.max(), "frame": number[counts.argmax()],
+                                "total": counts.sum()}
+    out = shot.run("info", "out.h5").out
+    assert re.search(rf"stretch +[\d.]+ % at most, in frame {info['largest_stretch']['frame']}\n", out)
+    assert re.search(rf"penetration +[\d.e-]+ m at most, in frame {info['deepest_penetration']['frame']}\n", out)
+    assert re.search(rf"substeps +{counts[1:].min()} to {counts.max()} a frame, {counts.sum()} in all, most in frame "
+                     rf"{info['substeps']['frame']}\n", out)
+    one = json.loads(shot.run("info", shot.bake("--frames", "1", out="one.h5"), "--json").out)
+    assert one["substeps"] == {"least": 0, "most": 0, "frame": 1, "total": 0}
 
 
 def test_info_tells_an_unfinished_cache(shot, cache):

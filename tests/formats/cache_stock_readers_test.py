@@ -61,6 +61,7 @@ def test_h5py_reads_every_value(tmp_path, options):
             frames["head"][2], [[0, 0, 1, 5], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]])  # frame 5: one quarter turn
         np.testing.assert_array_equal(file["stats/largest_stretch"][:], np.arange(3, 8) / 2)
         np.testing.assert_array_equal(file["stats/deepest_penetration"][:], np.arange(3, 8) / 4)
+        np.testing.assert_array_equal(file["stats/substeps"][:], 3 * np.arange(3, 8))
 
         provenance = file["provenance"]
         assert provenance.attrs["version"] == b"0.1.0"
@@ -112,7 +113,7 @@ def test_killed_at_any_single_write_a_bake_leaves_whole_frames(tmp_path):
         write_count(70, "-e", f"inject=pwrite64:signal=KILL:when={write}")
         with h5py.File(tmp_path / "a.h5.part") as file:
             sets = [file["frames"][name] for name in ("number", "time", "head", "position")]
-            count = min(len(one) for one in sets + [file["stats/largest_stretch"], file["stats/deepest_penetration"]])
+            count = min(len(one) for one in sets + list(file["stats"].values()))
             np.testing.assert_array_equal(file["frames/number"][:count], np.arange(1, count + 1))
             check_positions(file, 1, count)
             assert len(file["frames/number"]) == count  # the frame's number is the last thing that appears
@@ -166,6 +167,7 @@ def test_h5ls_lists_the_layout(tmp_path):
         "/stats": "Group",
         "/stats/deepest_penetration": "Dataset {3/Inf}",
         "/stats/largest_stretch": "Dataset {3/Inf}",
+        "/stats/substeps": "Dataset {3/Inf}",
         "/strands": "Group",
         "/strands/offset": "Dataset {11}",
         "/strands/region": "Dataset {10}",

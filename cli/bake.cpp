@@ -5,13 +5,17 @@
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <charconv>
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <functional>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <stdexcept>
+#include <string_view>
 #include <system_error>
 
 #include "cli/backend.h"
@@ -41,6 +45,7 @@ struct BakeOptions {
   int threads = 0;
   int lanes = 0;
   std::vector<std::string> no_skip;
+  std::vector<std::string> fail_on;
   bool force = false;
   bool quiet = false;
   bool json = false;
@@ -140,6 +145,44 @@ nlohmann::ordered_json device_work_json(const OpenCLSolver& solver) {
           {"program_from_cache", report.program_from_cache}};
 }
 
+// A figure of a frame that a bake can fail on.
+struct NamedFigure {
+  const char* name;
+  const char* in_words;
+  const char* unit;
+  float FrameStats::*what;
+  const char* what_helps;
+};
+constexpr std::array kFigures = {
+    NamedFigure{"stretch", "largest stretch", "", &FrameStats::largest_stretch,
+                "more substeps may help, and lengths = \"direct\" where they are iterated"},
+    NamedFigure{"penetration", "deepest penetration", " m", &FrameStats::deepest_penetration,
+                "more substeps or smaller colliders may help"}};
+
+struct Limit {
+  const NamedFigure* figure;
+  double most;
+};
+
+// "stretch=0.01". Throws std::invalid_argument with a sentence that says what would do.
+Limit parse_limit(std::string_view text) {
+  constexpr const char* would_do = "write stretch=0.01 (a share of the length) or penetration=0.001 (metres)";
+  const auto refuse = [&](const std::string& why) {
+    throw std::invalid_argument(fmt::format("{}: {}", why, would_do));
+  };
+  const std::size_t equals = text.find('=');
+  if (equals == std::string_view::npos) refuse(fmt::format("\"{}\" has no \"=\"", text));
+  const std::string_view name = text.substr(0, equals), number = text.substr(equals + 1);
+  const auto figure =
+      std::find_if(kFigures.begin(), kFigures.end(), [&](const auto& each) { return name == each.name; });
+  if (figure == kFigures.end()) refuse(fmt::format("\"{}\" is no figure of a frame", name));
+  double most = 0;
+  const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), most);
+  if (error != std::errc{} || end != number.data() + number.size() || !std::isfinite(most) || most < 0)
+    refuse(fmt::format("the limit of {} is \"{}\", but must be a number from 0", name, number));
+  return {&*figure, most};
+}
+
 CacheHeader make_header(const Shot& shot) {
   CacheHeader header;
   header.fps = shot.scene.bake.fps;
@@ -171,15 +214,16 @@ class Bake {
         written_(written),
         threads_(options.threads),
         velocity_(shot_.scene.cache.velocity),
-        stats_(shot_.scene.cache.stats),
+        stats_(shot_.scene.cache.stats || !options.fail_on.empty()),
         vertex_count_(shot_.groom.vertex_count()),
         on_frame_(std::move(on_frame)) {
+    for (const std::string& text : options.fail_on) limits_.push_back(parse_limit(text));
     // First the writer, as what it needs of the groom is gone before the solver is made: grooms are large.
     CacheOptions cache;
     cache.deflate = shot_.scene.deflate_level;
     cache.precision = shot_.scene.cache.precision;
     cache.velocity = velocity_;
-    cache.stats = stats_;
+    cache.stats = shot_.scene.cache.stats;
     cache.threads = threads_;
     writer_.emplace(options.output, make_header(shot_), cache);
 
@@ -209,6 +253,14 @@ class Bake {
   // The solver in words.
   const std::string& made_by() const { return made_by_; }
   int first_simulated() const { return scene().first_frame - scene().bake.preroll; }
+
+  // The first frame that went beyond a limit; it is in the file.
+  struct Excess {
+    int frame;
+    Limit limit;
+    float value;
+  };
+  const std::optional<Excess>& excess() const { return excess_; }
 
   // Simulates `frame`, which follows the one of the last call, and meanwhile writes that one. Frames that nobody asked
   // for are not read.
@@ -319,6 +371,10 @@ class Bake {
     if (!pending_) return;
     writer_->end();
     on_frame_(pending_->number, pending_->stats);
+    for (const Limit& limit : limits_) {
+      const float value = pending_->stats.*limit.figure->what;
+      if (!excess_ && value > limit.most) excess_ = {pending_->number, limit, value};
+    }
     pending_.reset();
   }
 
@@ -326,9 +382,11 @@ class Bake {
   std::pair<int, int> written_;
   int threads_;
   bool velocity_;
-  bool stats_;
+  bool stats_;  // are measured
   std::size_t vertex_count_;
   OnFrame on_frame_;
+  std::vector<Limit> limits_;
+  std::optional<Excess> excess_;
   std::optional<CacheWriter> writer_;
   std::string made_by_;
   std::optional<FrameInput> next_input_;
@@ -392,7 +450,7 @@ int run_bake(BakeOptions options) {
   const auto show_progress = [&](int frame, const std::string& note) {
     progress->update(static_cast<std::size_t>(frame) - static_cast<std::size_t>(first) + 1, note);
   };
-  const bool stats = shot.scene.cache.stats;
+  const bool stats = shot.scene.cache.stats || !options.fail_on.empty();
   const Shot::Substeps substeps = shot.count_substeps(written.second);
   Bake bake(std::move(shot), options, backend, events, written, [&](int frame, const FrameStats& found) {
     nlohmann::ordered_json event = {{"event", "frame"}, {"frame", frame}, {"substeps", found.substeps}};
@@ -443,12 +501,23 @@ int run_bake(BakeOptions options) {
         failure = {kDevice, fmt::format("frame {}: {}; {}", frame, error.what(), left_behind(frame))};
         break;
       }
+      if (bake.excess()) break;
       if (frame < written.first) show_progress(frame, "before the first frame");
     }
-    if (!failure) {
-      bake.write_last();
-      bake.finish();
-    }
+    if (!failure && !bake.excess()) bake.write_last();
+    if (!failure && !bake.excess()) bake.finish();
+  }
+  if (const auto excess = bake.excess()) {
+    const NamedFigure& figure = *excess->limit.figure;
+    events.emit({{"event", "limit"},
+                 {"frame", excess->frame},
+                 {"figure", figure.name},
+                 {"value", excess->value},
+                 {"limit", excess->limit.most}});
+    failure = {kInvalid, fmt::format("frame {}: the {} is {}{}, but --fail-on {}={} allows no more; {}; {} holds the "
+                                     "frames up to it",
+                                     excess->frame, figure.in_words, excess->value, figure.unit, figure.name,
+                                     excess->limit.most, figure.what_helps, part)};
   }
   if (failure) {
     bake.close();
@@ -507,6 +576,20 @@ Verb add_bake(CLI::App& app) {
       ->type_name("NAME,...")
       ->delimiter(',')
       ->check(CLI::IsMember(skips));
+  app.add_option("--fail-on", options->fail_on,
+                 "Stop with exit code 1 where a frame that is written goes beyond this: stretch=0.01, a share of the "
+                 "length, or penetration=0.001, in metres. May be given more than once")
+      ->type_name("FIGURE=MOST")
+      ->take_all()
+      ->expected(1)
+      ->check([](const std::string& text) -> std::string {
+        try {
+          parse_limit(text);
+        } catch (const std::invalid_argument& error) {
+          return error.what();
+        }
+        return {};
+      });
   app.add_flag("--force", options->force, "Replace an existing cache");
   app.add_flag("--quiet", options->quiet, "No progress and no summary");
   auto* const json = app.add_flag("--json", options->json, "One JSON object a line on stdout for each event");

@@ -16,6 +16,7 @@ namespace strandbake {
 // Exit codes of every verb.
 enum ExitCode {
   kGood = 0,
+  kInvalid = 1,    // the result is not what was asked for
   kUsage = 2,      // the command line makes no sense
   kInput = 3,      // a scene, groom, animation or cache cannot be used
   kDevice = 4,     // a device is missing or has failed

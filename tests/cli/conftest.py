@@ -16,7 +16,7 @@ import pytest
 SOURCE = pathlib.Path(os.environ.get("STRANDBAKE_SOURCE") or pathlib.Path(__file__).parents[2]).resolve()
 PROGRAM = str(pathlib.Path(os.environ.get("STRANDBAKE_PROGRAM") or SOURCE / "build/release/cli/strandbake").resolve())
 
-GOOD, USAGE, INPUT, DEVICE, DISK, NON_FINITE, INTERRUPTED = 0, 2, 3, 4, 5, 6, 130
+GOOD, INVALID, USAGE, INPUT, DEVICE, DISK, NON_FINITE, INTERRUPTED = 0, 1, 2, 3, 4, 5, 6, 130
 
 # Without the settings of whoever runs the tests.
 ENVIRONMENT = {k: v for k, v in os.environ.items() if not k.startswith(("STRANDBAKE_", "OMP_"))}

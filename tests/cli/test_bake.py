@@ -12,7 +12,7 @@ import subprocess
 import h5py
 import numpy as np
 import pytest
-from conftest import (DISK, GOOD, INTERRUPTED, NON_FINITE, PROGRAM, SOURCE, USAGE, assert_one_error, hanging, positions, read,
+from conftest import (DISK, GOOD, INTERRUPTED, INVALID, NON_FINITE, PROGRAM, SOURCE, USAGE, assert_one_error, hanging, positions, read,
                       write_hair)
 
 LONG = "1-1000000"  # far longer than a test waits
@@ -159,7 +159,7 @@ def test_help_and_version_go_to_stdout(shot):
         assert run.code == GOOD and run.out != "" and run.err == ""
     assert re.fullmatch(r"strandbake \d+\.\d+\.\d+\n", shot.run("--version").out)
     for word in ("--frames", "--threads", "--set", "--output", "--force", "--quiet", "--json", "--dry-run",
-                 "--search", "--lanes"):
+                 "--search", "--lanes", "--fail-on"):
         assert word in shot.run("bake", "--help").out
 
 
@@ -357,6 +357,77 @@ def test_a_bake_that_leaves_the_numbers_names_strand_vertex_and_frame(shot, prec
     found = read(shot / "out.h5.part")
     np.testing.assert_array_equal(found["frames/number"], [1, 2])
     assert np.isfinite(found["frames/position"]).all()
+
+
+STRETCHY = """[forces]
+gravity = {4 = [0, 0, 0], 5 = [0, -9.81, 0]}
+[[region]]
+name = "hair"
+lengths.iterations = 0
+"""
+IN_THE_WAY = "[[collider]]\nsphere = {center = [0.01, 1.51, 0], radius = 0.02}\n"
+
+
+def test_a_bake_fails_on_the_first_frame_beyond_a_limit(shot):
+    shot.scene(STRETCHY, frames="1-12")
+    whole = shot.bake(out="whole.h5")
+    figures = read(whole)["stats/largest_stretch"]
+    assert figures[:4].max() < 0.01 < figures[4:].max()
+    frame = int(np.argmax(figures > 0.01)) + 1
+    run = shot.run("bake", "scene.toml", "-o", "out.h5", "--json", "--fail-on", "stretch=0.01")
+    assert run.code == INVALID
+    message = (f"frame {frame}: the largest stretch is {figures[frame - 1]!s}, but --fail-on stretch=0.01 allows no more; "
+               "more substeps may help, and lengths = \"direct\" where they are iterated; out.h5.part holds the frames up to it")
+    assert run.err == f"strandbake: error: {message}\n"
+    *_, last, limit, error = events_of(run)
+    assert last["event"] == "frame" and last["frame"] == frame
+    assert limit == {"event": "limit", "frame": frame, "figure": "stretch", "value": limit["value"], "limit": 0.01}
+    assert np.float32(limit["value"]) == figures[frame - 1]
+    assert error == {"event": "error", "code": INVALID, "message": message}
+    assert shot.files() == ["a.hair", "out.h5.part", "scene.toml", "whole.h5"]
+    part = read(shot / "out.h5.part")
+    np.testing.assert_array_equal(part["frames/number"], range(1, frame + 1))
+    np.testing.assert_array_equal(part["frames/position"], positions(whole)[:frame])
+    assert "(not finished)" in shot.run("info", "out.h5.part").out
+
+
+def test_a_limit_holds_for_the_last_frame_and_for_each_figure(shot):
+    shot.scene(STRETCHY + IN_THE_WAY, frames="1-12")
+    found = read(shot.bake(out="whole.h5"))
+    deepest = found["stats/deepest_penetration"]
+    assert deepest.max() > 0
+    frame = int(np.argmax(deepest > 0)) + 1
+    for more in ([], ["--fail-on", "stretch=1e9"], ["--fail-on", "penetration=1"]):  # the strictest counts
+        run = shot.run("bake", "scene.toml", "--frames", str(frame), "--force", "--quiet", "--fail-on", "penetration=0", *more)
+        assert_one_error(run, INVALID, f"frame {frame}: the deepest penetration is {deepest[frame - 1]!s} m, but --fail-on "
+                         "penetration=0 allows no more", "colliders", "scene.h5.part")
+        np.testing.assert_array_equal(read(shot / "scene.h5.part")["frames/number"], [frame])
+
+
+def test_a_bake_within_its_limits_is_the_same_as_one_without(shot):
+    shot.scene(STRETCHY, frames="1-12")
+    plain = read(shot.bake(out="plain.h5"))
+    most = max(plain["stats/largest_stretch"])
+    bounded = shot.bake("--fail-on", f"stretch={float(most)}", "--fail-on", "penetration=0.1", out="bounded.h5")
+    assert bounded.read_bytes() == (shot / "plain.h5").read_bytes()
+    # Figures that are not written are measured all the same.
+    bare = shot.bake("--set", "cache.stats=false", "--fail-on", "stretch=1e9", out="bare.h5")
+    assert bare.read_bytes() == shot.bake("--set", "cache.stats=false", out="stats.h5").read_bytes()
+    run = shot.run("bake", "scene.toml", "--set", "cache.stats=false", "--fail-on", "stretch=0.01")
+    assert_one_error(run, INVALID, "the largest stretch is ")
+
+
+@pytest.mark.parametrize("text, words", [
+    ("stretch", '"stretch" has no "="'), ("=1", '"" is no figure'), ("length=1", '"length" is no figure of a frame'),
+    ("stretch=", 'the limit of stretch is ""'), ("stretch=1%", 'is "1%", but must be a number from 0'),
+    ("penetration=-0.1", 'the limit of penetration is "-0.1"'), ("stretch=nan", '"nan"'), ("stretch=inf", '"inf"'),
+    ("stretch=1e999", '"1e999"'), ("stretch=1,penetration=1", '"1,penetration=1"'), ("", '"" has no "="'),
+])
+def test_a_limit_without_sense_is_a_usage_error(shot, text, words):
+    run = shot.run("bake", shot.scene(), "--fail-on", text)
+    assert run.code == USAGE and run.out == ""
+    assert words in run.err and "write stretch=0.01 (a share of the length) or penetration=0.001 (metres)" in run.err
+    assert shot.files() == ["a.hair", "scene.toml"]
 
 
 # Disks

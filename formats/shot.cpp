@@ -498,6 +498,7 @@ Shot load_shot(Scene scene, Faults& faults, Warnings& warnings, bool skip_idle) 
     for (const double frame : telling_frames(shot.scene, region.params)) over_time.push_back(region.params.at(frame));
     shot.plan.regions.push_back(plan_region(over_time, windy, skip_idle));
   }
+  shot.plan.gravity_at_rest = shot.scene.forces.at(shot.scene.first_frame).gravity;
   shot.plan.colliders = !shot.scene.colliders.empty() || !skip_idle;
   if (!shot.scene.bake.substeps && faults.empty()) find_substeps(shot, faults, warnings);
   return shot;

@@ -1,5 +1,5 @@
 # Puts the passes and the kernels together into one text of OpenCL C, as a C++ string: cmake -D SOURCE=... -D OUTPUT=... -P
-set(passes strand_math stiffness integrate wind global_shape local_shape frame_scan edge_length direct_length collide)
+set(passes strand_math stiffness integrate wind global_shape local_shape support frame_scan edge_length direct_length collide)
 set(text "#pragma OPENCL FP_CONTRACT OFF\n")
 function(add_text path)
   file(READ "${SOURCE}/${path}" content)

@@ -134,6 +134,7 @@ class Implementation final : public OpenCLSolver {
   std::vector<std::uint64_t> offset_;
   std::optional<StrandBlocks<Scalar>> strands_;
   std::optional<Origin> origin_;
+  Eigen::Vector3d rest_weight_;            // gravity that sag-free hair is in balance with, in the rest frame [m/s^2]
   std::vector<Mapping> mapping_;           // [regions]
   std::size_t numbers_ = 0;                // of the state
   mutable LargeArray<Scalar> host_state_;  // where batches are streamed
@@ -236,6 +237,7 @@ std::string Implementation<Scalar>::build_options(bool any_masked, bool any_ride
   define(any_masked, "HAS_MASKED");
   define(any_rides, "HAS_RIDES");
   define(any([](const RegionPlan& r) { return r.wind; }), "HAS_WIND");
+  define(any([](const RegionPlan& r) { return r.sag_free; }), "HAS_SUPPORT");
   define(any([](const RegionPlan& r) { return r.global_shape; }), "HAS_GLOBAL_SHAPE");
   define(any([](const RegionPlan& r) { return r.local_shape; }), "HAS_LOCAL_SHAPE");
   define(any([](const RegionPlan& r) { return r.edge_lengths && !r.direct_lengths; }), "HAS_EDGE_LENGTHS");
@@ -328,6 +330,7 @@ void Implementation<Scalar>::make_batch(Batch& batch, const Groom& groom) {
     row.remainder = place(block.remainder);
     row.frame_x = place(block.frame_x);
     row.frame_y = place(block.frame_y);
+    row.support = place(block.support);
     row.length = place(block.length);
     row.fade = place(block.fade);
     row.free = place(block.free);
@@ -399,6 +402,7 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
   host_state_ = LargeArray<Scalar>(numbers_);
   strands_->lay_out(plan, true, host_state_.data());
   origin_.emplace(strands_->center, head);
+  rest_weight_ = head.linear().transpose() * plan.gravity_at_rest;
   const HeadTurn<Scalar> start(head);
   const auto block_count = static_cast<std::ptrdiff_t>(strands_->blocks.size());
   FirstException failure;
@@ -580,17 +584,21 @@ void Implementation<Scalar>::start(const FrameInput& input) {
   std::vector<cl_int> region_ints;
   for (const RegionParams& params : input.regions) {
     const RegionPlan& plan = plan_.regions[region_ints.size() / kRegionInts];
-    const RegionStep<Scalar> step = region_step<Scalar>(params, plan, input, substep_before_, options_.skip);
+    const RegionStep<Scalar> step =
+        region_step<Scalar>(params, plan, rest_weight_, input, substep_before_, options_.skip);
     Scalar reals[kRegionReals];
     reals[kKeepFirst] = step.keep_first;
     reals[kKeep] = step.keep;
     std::copy(std::begin(step.gravity_h2), std::end(step.gravity_h2), reals + kGravityH2);
+    std::copy(std::begin(step.support_h2), std::end(step.support_h2), reals + kSupportH2);
+    reals[kH2] = step.h2;
     reals[kDragH2] = step.drag_h2;
     reals[kGlobalStiffness] = step.global_stiffness;
     reals[kStepRatio2] = step.step_ratio2;
     reals[kHalfLocalStiffness] = step.half_local_stiffness;
     region_reals.insert(region_reals.end(), std::begin(reals), std::end(reals));
     cl_int ints[kRegionInts];
+    ints[kSupported] = step.supported;
     ints[kWind] = step.wind;
     ints[kGlobalShape] = step.global_shape;
     ints[kLocalShape] = step.local_shape;

@@ -24,8 +24,9 @@ struct Block {
   Scalar* root_frame;  // [2] vectors: x and y of the rest frame at the root
   Scalar* local_edge;  // [vertices] vectors: l (methods 1, 2 and 4)
   Scalar* remainder;   // [vertices] vectors: what rounding leaves of l (methods 1, 2 and 4)
-  Scalar* frame_x;     // [vertices] vectors: frames of the last iteration (method 2)
+  Scalar* frame_x;     // [vertices] vectors: frames of the last iteration (method 2; method 4, sag-free)
   Scalar* frame_y;
+  Scalar* support;      // [vertices] vectors: c of support.h (methods 1, 2 and 4, sag-free)
   Scalar* length;       // [vertices]: L of the segment that ends at a vertex
   Scalar* fade;         // [global_end]: w of the global shape
   Scalar* free;         // [vertices] if masked: 1 free, 0 pinned or padding
@@ -55,6 +56,9 @@ struct RegionStep {
   Scalar keep;                           // and in the others
   Scalar gravity_h2[3];                  // [m]
   bool wind, global_shape, local_shape;  // which of them run
+  bool supported;                        // by the frames of the hair
+  Scalar support_h2[3];                  // else by the head: -g0 h^2 in the rest frame [m]; 0: not sag-free
+  Scalar h2;                             // [s^2]
   Scalar drag_h2;                        // drag times h^2 [s]
   Scalar global_stiffness;               // S_G at 1/60 s
   Scalar step_ratio2;                    // (h0 / h)^2
@@ -72,8 +76,10 @@ struct Workspace {
   Scalar* error;  // [vertices]: of edge lengths; direct lengths, g
   Scalar* share;  // [vertices]: direct lengths, b / m
   Scalar* edge;   // [vertices] vectors: method 3, rest edges turned; direct lengths, u, then positions before the walk
-  Scalar* frame_x;  // [vertices] vectors: method 2, frames before a substep; method 4, x and y along the edges now
+  Scalar* frame_x;  // [vertices] vectors: method 4, x and y along the edges now
   Scalar* frame_y;
+  Scalar* old_frame_x;  // [vertices] vectors: frames before a substep, where blocks have them
+  Scalar* old_frame_y;
   Scalar* twist;                      // [vertices] of two numbers: method 4, from those to the frames
   bool skip_colliders, skip_resting;  // see Skip
   WorkCount work;

@@ -13,6 +13,7 @@
 #include "sim/passes/local_shape.h"
 #include "sim/passes/stiffness.h"
 #include "sim/passes/strand_math.h"
+#include "sim/passes/support.h"
 #include "sim/passes/wind.h"
 
 #define STRANDBAKE_INLINE inline __attribute__((always_inline))
@@ -95,13 +96,27 @@ struct BlockStep {
     q[i - 2] = left;
   }
 
-  STRANDBAKE_INLINE void integrate_and_pull(int begin, int end, bool pulled, Real keep, bool windy, Vec wind) const {
-    const Vec fall =
-        broadcast(region.gravity_h2) + shift_by_origin(broadcast(now.moves), broadcast(now.moved_before), keep);
+  // The frame before vertex i, in positions of the substep before, given that before vertex i - 1.
+  STRANDBAKE_INLINE FRAME frame_before(int i, FRAME last) const {
+    if (region.local_method == 1) return i == 2 ? last : turn_frame(last, p[i - 1] - p[i - 2]);
+    if (region.local_method == 4 && i == 2) return last;
+    return {vectors(block.frame_x)[i - 1], vectors(block.frame_y)[i - 1]};
+  }
+
+  // `frame`: before vertex begin - 1, then before end - 1; the root's to begin with.
+  STRANDBAKE_INLINE void integrate_and_pull(int begin, int end, bool pulled, Real keep, bool windy, Vec wind,
+                                            FRAME& frame) const {
+    const Vec fall = broadcast(region.gravity_h2) +
+                     shift_by_origin(broadcast(now.moves), broadcast(now.moved_before), keep) +
+                     rotate_by_rows(row_x, row_y, row_z, broadcast(region.support_h2));
     const Real stiffness(region.global_stiffness), ratio2(region.step_ratio2);
     for (int i = begin; i < end; ++i) {
       Vec accel_h2 = fall;
       if (windy) accel_h2 = accel_h2 + wind_across(wind, p[i] - p[i - 1]);
+      if (region.supported) {
+        frame = frame_before(i, frame);
+        accel_h2 = accel_h2 + supported(frame, vectors(block.support)[i], Real(region.h2));
+      }
       Vec moved = integrate(p[i], q[i], keep, accel_h2);
       if (pulled) {
         moved = pull_to_goal(moved, with_head(i), stiffness_at_step(stiffness * reals(block.fade)[i], ratio2));
@@ -133,8 +148,10 @@ struct BlockStep {
     q[0] = with_head(0);
     q[1] = with_head(1);
     const int global_end = region.global_shape && block.global_end > 2 ? block.global_end : 2;
-    integrate_and_pull(2, global_end, true, keep, windy, wind);
-    integrate_and_pull(global_end, block.vertices, false, keep, windy, wind);
+    FRAME frame = {wind, wind};  // any, where nothing asks for it
+    if (region.supported) frame = root_frame();
+    integrate_and_pull(2, global_end, true, keep, windy, wind, frame);
+    integrate_and_pull(global_end, block.vertices, false, keep, windy, wind, frame);
   }
 
   // Method 1 (Algorithm 3): each constraint is followed by the update of the next frame. The chain of operations is
@@ -312,6 +329,15 @@ struct BlockStep {
                        vectors(block.remainder), Real(region.half_local_stiffness)});
   }
 
+  STRANDBAKE_INLINE void keep_scanned_frames() const {
+    for (int i = 2; i < block.vertices - 1; ++i) {
+      const FRAME frame = twisted_frame({vectors(workspace.frame_x)[i], vectors(workspace.frame_y)[i]},
+                                        reinterpret_cast<const TWIST*>(workspace.twist)[i]);
+      vectors(block.frame_x)[i] = frame.x;
+      vectors(block.frame_y)[i] = frame.y;
+    }
+  }
+
   STRANDBAKE_INLINE void local_shape() const {
     const int iterations = region.local_iterations;
     int done = 0;
@@ -325,6 +351,7 @@ struct BlockStep {
         break;
       case 4:
         for (; done < iterations; ++done) local_shape_scanned();
+        if (block.frame_x != nullptr) keep_scanned_frames();
         break;
       default:
         turn_rest_edges();
@@ -549,14 +576,14 @@ STRANDBAKE_INLINE void run_substeps(Block<typename Real::Scalar>& block,
       // A substep that finds no velocity and leaves everything as it was is a fixed point.
       bool rest = workspace.skip_resting && same_bits(p, q, n);
       if (rest && has_frames) {
-        __builtin_memcpy(workspace.frame_x, frame_x, sizeof(Vec) * static_cast<unsigned long>(n));
-        __builtin_memcpy(workspace.frame_y, frame_y, sizeof(Vec) * static_cast<unsigned long>(n));
+        __builtin_memcpy(workspace.old_frame_x, frame_x, sizeof(Vec) * static_cast<unsigned long>(n));
+        __builtin_memcpy(workspace.old_frame_y, frame_y, sizeof(Vec) * static_cast<unsigned long>(n));
       }
       Step(block, region, substeps[s], workspace, p, q).run(s == 0);
       rest = rest && same_bits(p, q, n);
       if (rest && has_frames) {
-        rest = same_bits(frame_x, Step::vectors(workspace.frame_x), n) &&
-               same_bits(frame_y, Step::vectors(workspace.frame_y), n);
+        rest = same_bits(frame_x, Step::vectors(workspace.old_frame_x), n) &&
+               same_bits(frame_y, Step::vectors(workspace.old_frame_y), n);
       }
       block.at_rest = rest;
     }

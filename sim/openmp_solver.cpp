@@ -60,8 +60,9 @@ void move_count(WorkCount& from, WorkCount& to) {
 // What hair without velocity can tell apart.
 template <class Scalar>
 bool asks_the_same(const RegionStep<Scalar>& a, const RegionStep<Scalar>& b) {
-  return std::equal(std::begin(a.gravity_h2), std::end(a.gravity_h2), b.gravity_h2) && a.drag_h2 == b.drag_h2 &&
-         a.global_stiffness == b.global_stiffness && a.step_ratio2 == b.step_ratio2 &&
+  return std::equal(std::begin(a.gravity_h2), std::end(a.gravity_h2), b.gravity_h2) &&
+         std::equal(std::begin(a.support_h2), std::end(a.support_h2), b.support_h2) && a.supported == b.supported &&
+         a.drag_h2 == b.drag_h2 && a.global_stiffness == b.global_stiffness && a.step_ratio2 == b.step_ratio2 &&
          a.half_local_stiffness == b.half_local_stiffness && a.local_iterations == b.local_iterations &&
          a.local_method == b.local_method && a.direct_lengths == b.direct_lengths &&
          a.length_iterations == b.length_iterations;
@@ -132,6 +133,7 @@ class OpenMPSolver final : public Solver {
   std::vector<std::uint64_t> offset_;
   StrandBlocks<Scalar> strands_;
   Origin origin_;
+  Eigen::Vector3d rest_weight_;  // gravity that sag-free hair is in balance with, in the rest frame [m/s^2]
   std::size_t state_count_ = 0;
   LargeArray<Scalar> state_;
   LargeArray<Scalar> scratch_;                // of all threads
@@ -153,7 +155,8 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
       options_(options),
       offset_(groom.offset),
       strands_(make_blocks<Scalar>(groom, plan, options)),
-      origin_(strands_.center, head) {
+      origin_(strands_.center, head),
+      rest_weight_(head.linear().transpose() * plan.gravity_at_rest) {
   const LaneKernels& kernels = choose_kernels(options.lanes);
   if constexpr (sizeof(Scalar) == 4) {
     advance_block_ = kernels.advance_float;
@@ -174,7 +177,7 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
 
   // A page or more apart, so that threads share no cache line.
   const std::size_t row = strands_.longest * static_cast<std::size_t>(strands_.width);
-  const std::size_t per_thread = (13 * row + 1023) / 1024 * 1024;
+  const std::size_t per_thread = (19 * row + 1023) / 1024 * 1024;
   const auto threads = static_cast<std::size_t>(options.threads);
   scratch_ = LargeArray<Scalar>(threads * per_thread);
   workspace_.resize(threads);
@@ -186,6 +189,8 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
     workspace_[t].frame_y = base + 7 * row;
     workspace_[t].twist = base + 10 * row;
     workspace_[t].share = base + 12 * row;
+    workspace_[t].old_frame_x = base + 13 * row;
+    workspace_[t].old_frame_y = base + 16 * row;
     workspace_[t].skip_resting = options.skip.resting;
     workspace_[t].skip_colliders = options.skip.colliders;
   }
@@ -226,8 +231,8 @@ void OpenMPSolver<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vec
   }
   std::vector<RegionStep<Scalar>> regions;
   for (const RegionParams& params : input.regions) {
-    regions.push_back(
-        region_step<Scalar>(params, plan_.regions[regions.size()], input, substep_before_, options_.skip));
+    regions.push_back(region_step<Scalar>(params, plan_.regions[regions.size()], rest_weight_, input, substep_before_,
+                                          options_.skip));
   }
   FrameSteps<Scalar> steps = frame_steps<Scalar>(input, origin_);
   std::vector<Substep<Scalar>>& substeps = steps.substeps;

@@ -58,6 +58,7 @@ void fields(V& v, LengthParams& p) {
 
 struct RegionParams {
   bool simulate = true;
+  bool sag_free = false;
   double damping = 0.1;
   double drag = 1;
   LocalShapeParams local;
@@ -67,6 +68,10 @@ struct RegionParams {
 template <class V>
 void fields(V& v, RegionParams& p) {
   v("simulate", p.simulate, Switch{}, "", "false: the region's hair just rides on the head, at next to no cost.");
+  v("sag_free", p.sag_free, Switch{}, "",
+    "true: the groom is in balance as it was made, under the gravity and on the head of the first frame. false: it "
+    "sags "
+    "under its weight.");
   v("damping", p.damping, between(0, 1).keyed(), "1", "The share of its velocity that a vertex loses in 1/60 s.");
   v("drag", p.drag, at_least(0).keyed(), "1/s",
     "Acceleration by the wind, per m/s of wind across the strand. 0 lets no wind in.");

@@ -6,6 +6,7 @@ RegionPlan plan_region(std::span<const RegionParams> over_time, bool windy, bool
   const RegionParams& first = over_time.front();
   RegionPlan plan;
   plan.simulated = first.simulate;
+  plan.sag_free = first.simulate && first.sag_free;
   plan.local_method = first.local.method;
   plan.direct_lengths = first.lengths.direct;
   plan.edge_lengths = first.lengths.direct || first.lengths.iterations > 0;

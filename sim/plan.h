@@ -10,6 +10,7 @@ namespace strandbake {
 
 struct RegionPlan {
   bool simulated = true;  // else its hair rides on the head
+  bool sag_free = false;
   bool wind = false;
   bool global_shape = false;
   bool local_shape = false;
@@ -22,7 +23,8 @@ struct RegionPlan {
 
 struct Plan {
   std::vector<RegionPlan> regions;
-  bool colliders = true;  // false: no frame has any
+  bool colliders = true;                     // false: no frame has any
+  Eigen::Vector3d gravity_at_rest{0, 0, 0};  // at the start [m/s^2], for sag-free regions
 };
 
 // Merges the parameters of a region over all frames of a bake. Range, fade, method and iterations do not move over

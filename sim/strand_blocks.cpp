@@ -225,8 +225,10 @@ std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, bool on_device, Scal
     take(b.root_frame, frames ? 6 * w : 0);
     take(b.local_edge, frames ? 3 * n * w : 0);
     take(b.remainder, frames ? 3 * n * w : 0);
-    take(b.frame_x, frames && region.local_method == 2 ? 3 * n * w : 0);
-    take(b.frame_y, frames && region.local_method == 2 ? 3 * n * w : 0);
+    const bool keeps_frames = frames && (region.local_method == 2 || (region.local_method == 4 && region.sag_free));
+    take(b.frame_x, keeps_frames ? 3 * n * w : 0);
+    take(b.frame_y, keeps_frames ? 3 * n * w : 0);
+    take(b.support, frames && region.sag_free ? 3 * n * w : 0);
     take(b.length, region.edge_lengths ? n * w : 0);
     take(b.fade, static_cast<std::size_t>(b.global_end) * w);
     take(b.free, b.masked ? n * w : 0);
@@ -280,6 +282,10 @@ void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
         store(b.local_edge, i, lane, local);
         store(b.remainder, i, lane, edge - from_frame(frames[i - 1], local));
       }
+      const Vec3<Scalar> weight = head.turn_back(to_vec3<Scalar>(plan.gravity_at_rest));
+      for (std::size_t i = 2; i < own && b.support != nullptr; ++i) {
+        store(b.support, i, lane, into_frame(frames[i - 1], weight) * Scalar(-1));
+      }
       for (std::size_t i = 1; i < n && b.frame_x != nullptr; ++i) {
         const Frame<Scalar>& frame = frames[std::min(i, own - 1)];
         store(b.frame_x, i, lane, head.turn(frame.x));
@@ -325,8 +331,8 @@ void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
 }
 
 template <class Scalar>
-RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& plan, const FrameInput& input,
-                               double substep_before, const Skip& skip) {
+RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& plan, const Eigen::Vector3d& rest_weight,
+                               const FrameInput& input, double substep_before, const Skip& skip) {
   const double h = input.substep;
   RegionStep<Scalar> step{};
   // Rounded to float in both precisions: libraries differ in the last bits of pow, floats of it agree.
@@ -343,6 +349,11 @@ RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& pla
   step.wind = runs(plan.wind, step.drag_h2);
   step.global_shape = runs(plan.global_shape, step.global_stiffness);
   step.local_shape = runs(plan.local_shape, step.half_local_stiffness);
+  step.supported = plan.sag_free && step.local_shape && params.local.method != 3;
+  for (int axis = 0; axis < 3; ++axis) {
+    step.support_h2[axis] = static_cast<Scalar>(plan.sag_free && !step.supported ? -rest_weight[axis] * h * h : 0);
+  }
+  step.h2 = static_cast<Scalar>(h * h);
   step.local_iterations = params.local.iterations;
   step.local_method = params.local.method;
   step.direct_lengths = plan.edge_lengths && params.lengths.direct;
@@ -406,8 +417,10 @@ FrameSteps<Scalar> frame_steps(const FrameInput& input, Origin& origin) {
 
 template struct StrandBlocks<float>;
 template struct StrandBlocks<double>;
-template RegionStep<float> region_step(const RegionParams&, const RegionPlan&, const FrameInput&, double, const Skip&);
-template RegionStep<double> region_step(const RegionParams&, const RegionPlan&, const FrameInput&, double, const Skip&);
+template RegionStep<float> region_step(const RegionParams&, const RegionPlan&, const Eigen::Vector3d&,
+                                       const FrameInput&, double, const Skip&);
+template RegionStep<double> region_step(const RegionParams&, const RegionPlan&, const Eigen::Vector3d&,
+                                        const FrameInput&, double, const Skip&);
 template FrameSteps<float> frame_steps(const FrameInput&, Origin&);
 template FrameSteps<double> frame_steps(const FrameInput&, Origin&);
 

@@ -34,6 +34,10 @@ struct HeadTurn {
         rotation[3 * row + column] = static_cast<Scalar>(head.linear()(row, column));
     }
   }
+  Vec3<Scalar> turn_back(Vec3<Scalar> v) const {
+    const Scalar* r = rotation;
+    return rotate_by_rows<Scalar>({r[0], r[3], r[6]}, {r[1], r[4], r[7]}, {r[2], r[5], r[8]}, v);
+  }
   Vec3<Scalar> turn(Vec3<Scalar> v) const {
     const Scalar* r = rotation;
     return rotate_by_rows<Scalar>({r[0], r[1], r[2]}, {r[3], r[4], r[5]}, {r[6], r[7], r[8]}, v);
@@ -101,10 +105,10 @@ struct StrandBlocks {
 };
 
 // A region's parameters for the substeps of a frame. `substep_before`: length of those of the frame before [s], 0 in
-// the first.
+// the first. `rest_weight`: the gravity that sag-free hair is in balance with, in the rest frame [m/s^2].
 template <class Scalar>
-RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& plan, const FrameInput& input,
-                               double substep_before, const Skip& skip);
+RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& plan, const Eigen::Vector3d& rest_weight,
+                               const FrameInput& input, double substep_before, const Skip& skip);
 
 template <class Scalar>
 struct FrameSteps {

@@ -1,8 +1,9 @@
 // How kernels reach the state of a block. WIDTH strands lie side by side: number k of a row belongs to lane k.
 //
-// Constants of the program, from the plan: REAL, REAL3, WIDTH, ITEM_GROUP, VERTEX_GROUP; HAS_MASKED, HAS_RIDES, HAS_WIND,
-// HAS_GLOBAL_SHAPE, HAS_LOCAL_SHAPE, HAS_EDGE_LENGTHS (iterated), HAS_DIRECT_LENGTHS, HAS_SPHERES where anything uses the pass; LOCAL_METHOD where all
-// regions with a strand per work-item agree on it; VERTICES_METHOD_..., see vertex_per_item.cl, for what is in use.
+// Constants of the program, from the plan: REAL, REAL3, WIDTH, ITEM_GROUP, VERTEX_GROUP; where anything uses the pass,
+// HAS_MASKED, HAS_RIDES, HAS_WIND, HAS_SUPPORT, HAS_GLOBAL_SHAPE, HAS_LOCAL_SHAPE, HAS_EDGE_LENGTHS (iterated),
+// HAS_DIRECT_LENGTHS, HAS_SPHERES; LOCAL_METHOD where all regions with a strand per work-item agree on it;
+// VERTICES_METHOD_..., see vertex_per_item.cl, for what is in use.
 
 #define ROW (3 * WIDTH)
 
@@ -49,8 +50,9 @@ static Real3 turn_with(Head head, Real3 v) {
 }
 
 // What a free vertex gains in a substep beside its velocity and the wind.
-static Real3 fall_of(const __global Real* substep, const __global Real* region, Real keep) {
-  return triple(region + kGravityH2) + shift_by_origin(triple(substep + kMoves), triple(substep + kMovedBefore), keep);
+static Real3 fall_of(Head head, const __global Real* substep, const __global Real* region, Real keep) {
+  return triple(region + kGravityH2) + shift_by_origin(triple(substep + kMoves), triple(substep + kMovedBefore), keep) +
+         turn_with(head, triple(region + kSupportH2));
 }
 
 static Real3 wind_of(const __global Real* substep, const __global Real* weight_lane, Real drag_h2) {

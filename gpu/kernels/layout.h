@@ -12,13 +12,16 @@ enum RegionReal {
   kKeepFirst,
   kKeep,
   kGravityH2,  // x, y, z
-  kDragH2 = kGravityH2 + 3,
+  kSupportH2 = kGravityH2 + 3,  // x, y, z
+  kH2 = kSupportH2 + 3,
+  kDragH2,
   kGlobalStiffness,
   kStepRatio2,
   kHalfLocalStiffness,
   kRegionReals
 };
 enum RegionInt {
+  kSupported,
   kWind,
   kGlobalShape,
   kLocalShape,
@@ -37,7 +40,7 @@ enum SubstepInt { kSphereBegin, kSphereCount, kSubstepInts };
 #define kAbsent 0xffffffffu
 typedef struct {
   uint vertices, region, masked, rides, global_end;
-  uint position, previous, rest, root_frame, local_edge, remainder, frame_x, frame_y;
+  uint position, previous, rest, root_frame, local_edge, remainder, frame_x, frame_y, support;
   uint length, fade, free, active, swept, elimination, wind_weight;
 } BlockRow;
 

@@ -85,7 +85,7 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
     // Forces, integration and global shape: old positions in p, new ones over q.
     {
       const Real keep = region[s == 0 ? kKeepFirst : kKeep];
-      const Real3 fall = fall_of(substep, region, keep);
+      const Real3 fall = fall_of(head, substep, region, keep);
 #ifdef HAS_WIND
       const bool windy = counts[kWind];
       const Real3 wind = windy ? wind_of(substep, state + block.wind_weight + lane, region[kDragH2]) : (Real3)(0);
@@ -96,11 +96,29 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
       write3(q, 0, turn_with(head, read3(rest, 0)));
       write3(q, 1, turn_with(head, read3(rest, 1)));
       Real3 before = read3(p, 1);
+#ifdef HAS_SUPPORT
+      Frame frame;  // before vertex i
+      frame.x = frame.y = (Real3)(0);
+      if (counts[kSupported]) {
+        frame.x = turn_with(head, read3(state + block.root_frame + lane, 0));
+        frame.y = turn_with(head, read3(state + block.root_frame + lane, 1));
+      }
+#endif
       for (uint i = 2; i < n; ++i) {
         const Real3 here = read3(p, i);
         Real3 accel_h2 = fall;
 #ifdef HAS_WIND
         if (windy) accel_h2 = accel_h2 + wind_across(wind, here - before);
+#endif
+#ifdef HAS_SUPPORT
+        if (counts[kSupported]) {
+          if (LOCAL_METHOD_OF(counts) == 2) {
+            frame.x = read3(state + block.frame_x + lane, i - 1);
+            frame.y = read3(state + block.frame_y + lane, i - 1);
+          }
+          accel_h2 = accel_h2 + supported(frame, read3(state + block.support + lane, i), region[kH2]);
+          if (LOCAL_METHOD_OF(counts) == 1) frame = turn_frame(frame, here - before);
+        }
 #endif
         Real3 moved = integrate(here, read3(q, i), keep, accel_h2);
 #ifdef HAS_GLOBAL_SHAPE

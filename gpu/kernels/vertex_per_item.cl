@@ -69,9 +69,11 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
   for (uint i = row; i < n; i += rows) {
     NAME(write_shared)(p, i, read3(p_state, i));
     NAME(write_shared)(q, i, read3(q_state, i));
-#if METHOD == 2
-    NAME(write_shared)(frame_x, i, read3(state + block.frame_x + lane, i));
-    NAME(write_shared)(frame_y, i, read3(state + block.frame_y + lane, i));
+#if METHOD == 2 || METHOD == 4
+    if (block.frame_x != kAbsent) {
+      NAME(write_shared)(frame_x, i, read3(state + block.frame_x + lane, i));
+      NAME(write_shared)(frame_y, i, read3(state + block.frame_y + lane, i));
+    }
 #endif
   }
   SHARED_BARRIER;
@@ -83,7 +85,7 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
     // Forces, integration and global shape: old positions in p, new ones over q.
     {
       const Real keep = region[s == 0 ? kKeepFirst : kKeep];
-      const Real3 fall = fall_of(substep, region, keep);
+      const Real3 fall = fall_of(head, substep, region, keep);
 #ifdef HAS_WIND
       const bool windy = counts[kWind];
       const Real3 wind = windy ? wind_of(substep, state + block.wind_weight + lane, region[kDragH2]) : (Real3)(0);
@@ -97,6 +99,18 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
         Real3 accel_h2 = fall;
 #ifdef HAS_WIND
         if (windy) accel_h2 = accel_h2 + wind_across(wind, here - NAME(read_shared)(p, i - 1));
+#endif
+#if defined(HAS_SUPPORT) && (METHOD == 2 || METHOD == 4)
+        if (counts[kSupported]) {
+          Frame frame;  // before vertex i
+          frame.x = NAME(read_shared)(frame_x, i - 1);
+          frame.y = NAME(read_shared)(frame_y, i - 1);
+          if (METHOD == 4 && i == 2) {
+            frame.x = turn_with(head, read3(state + block.root_frame + lane, 0));
+            frame.y = turn_with(head, read3(state + block.root_frame + lane, 1));
+          }
+          accel_h2 = accel_h2 + supported(frame, read3(state + block.support + lane, i), region[kH2]);
+        }
 #endif
         Real3 moved = integrate(here, NAME(read_shared)(q, i), keep, accel_h2);
 #ifdef HAS_GLOBAL_SHAPE
@@ -320,9 +334,11 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1))) void NAME(adv
   for (uint i = row; i < n; i += rows) {
     write3(p_to, i, NAME(read_shared)(p, i));
     write3(q_to, i, NAME(read_shared)(q, i));
-#if METHOD == 2
-    write3(state + block.frame_x + lane, i, NAME(read_shared)(frame_x, i));
-    write3(state + block.frame_y + lane, i, NAME(read_shared)(frame_y, i));
+#if METHOD == 2 || METHOD == 4
+    if (block.frame_x != kAbsent) {
+      write3(state + block.frame_x + lane, i, NAME(read_shared)(frame_x, i));
+      write3(state + block.frame_y + lane, i, NAME(read_shared)(frame_y, i));
+    }
 #endif
   }
 }

@@ -908,6 +908,7 @@ region[0].name = "a"
 region[0].strands.box.min = [0, 1e-07, -0.0]
 region[0].strands.box.max = [1e+30, 1e+30, 1e+30]
 region[0].simulate = true
+region[0].sag_free = false
 region[0].damping = {-1 = 0.1, "1.5" = 0.3}
 region[0].drag = 1
 region[0].local.stiffness = 0.5

@@ -63,6 +63,7 @@ Shot sample_shot() {
       const int method = r % methods;
       region.local = method == 0 ? LocalShapeParams{0, 0, 1} : LocalShapeParams{0.4, 2, method};
       if (r >= methods) region.lengths = LengthParams::iterated(1);
+      region.sag_free = r % 2 == 0;
       region.global = {0.1, 0.5, 1};
     }
     regions.back().simulate = false;

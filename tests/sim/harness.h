@@ -210,6 +210,7 @@ inline Plan plan_of(const Shot& shot) {
     for (int frame = 1; frame <= std::max(1, shot.frames); ++frame) over_time.push_back(regions_of(shot, frame)[r]);
     plan.regions.push_back(plan_region(over_time, is_windy(shot)));
   }
+  plan.gravity_at_rest = shot.gravity;
   return plan;
 }
 

@@ -30,7 +30,8 @@ int main(int argc, char** argv) {
                "strandbake"};
   app.set_version_flag("--version", "strandbake " STRANDBAKE_VERSION);
   app.require_subcommand(1);
-  app.footer("Exit codes: 0 good, 1 differs or invalid, 2 usage, 3 input, 4 device, 5 disk, 6 not finite, 130 interrupted.");
+  app.footer(
+      "Exit codes: 0 good, 1 differs or invalid, 2 usage, 3 input, 4 device, 5 disk, 6 not finite, 130 interrupted.");
 
   std::map<const CLI::App*, Verb> verbs;
   const auto add = [&](const char* name, const char* help, Verb (*declare)(CLI::App&)) {

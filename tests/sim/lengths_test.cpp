@@ -179,7 +179,7 @@ TEST_CASE("the direct solve is the dense solve of the same equations, wherever s
 }
 
 // Float has 6e-8 m at a metre from the groom's centre, and a length is the difference of two positions. The walk adds
-// to positions as far away as they were predicted, so what float loses there stays: measured 3.1e-7 m and 3e-5 of a
+// to positions as far away as they were predicted, so what float loses there stays: measured 2.2e-7 m and 2.4e-5 of a
 // length in wild motion, 4.4e-6 on hair of 0.2 m with segments of 1 cm that dances. In double 2.8e-15 m and 5e-13.
 TEST_CASE("hair that is held by its root does not stretch, in wild motion and among spheres too") {
   Shot shot;

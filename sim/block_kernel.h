@@ -481,9 +481,8 @@ struct BlockStep {
 
   // One step of the walk that makes lengths exact: from `before` to vertex i, which the rounds have left at `far`.
   STRANDBAKE_INLINE Vec walk_to(int i, Vec before, Vec far, Vec& direction) const {
-    const Vec edge = far - before;
-    direction = direction_or(edge, direction);
-    return where_swept(i, far + direction * missing_length(edge, reals(block.length)[i]), far);
+    direction = direction_or(far - before, direction);
+    return where_swept(i, at_length(before, far, direction, reals(block.length)[i]), far);
   }
 
   // The whole walk; then, where a sphere may be in reach, once more with the spheres.

@@ -150,10 +150,9 @@ static bool is_swept(Weights weights, uint i) {
 static Real3 walk_to(Weights weights, uint i, Real rest_length, Real3 before, Real3 far, Real3* direction,
                      const __global Real* spheres, int sphere_count) {
   const bool swept = is_swept(weights, i);
-  const Real3 edge = far - before;
-  *direction = direction_or(edge, *direction);
+  *direction = direction_or(far - before, *direction);
   Real3 at = far;
-  if (swept) at = far + *direction * missing_length(edge, rest_length);
+  if (swept) at = at_length(before, far, *direction, rest_length);
 #ifdef HAS_SPHERES
   for (int k = 0; k < sphere_count; ++k) {
     const __global Real* const sphere = spheres + 4 * k;

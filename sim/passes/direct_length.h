@@ -52,9 +52,16 @@ STRAND_FN Real length_error(Real length, Real rest_length) {
   return SELECT(length > (Real)0.0f, length - rest_length, (Real)0.0f);
 }
 
-// What the walk adds along u.
-STRAND_FN Real missing_length(VEC3 edge, Real rest_length) {
-  return rest_length - segment_length(edge);
+// Where the walk goes from `before`: along `direction`, that of far - before, for the rest length. Reckoned from the
+// nearer of the two, so that rounding is as small as it can be.
+STRAND_FN VEC3 at_length(VEC3 before, VEC3 far, VEC3 direction, Real rest_length) {
+  Real missing = rest_length - segment_length(far - before);
+  VEC3 from_far = far + direction * missing;
+  VEC3 from_before = before + direction * rest_length;
+  Real is_far = SELECT(missing * missing > rest_length * rest_length, (Real)1.0f, (Real)0.0f);
+  return make_vec3(SELECT(is_far > (Real)0.0f, from_before.x, from_far.x),
+                   SELECT(is_far > (Real)0.0f, from_before.y, from_far.y),
+                   SELECT(is_far > (Real)0.0f, from_before.z, from_far.z));
 }
 
 // 1 / m_j, from A_jj, b_j and b_j / m_{j-1}. Where both ends are pinned there is nothing to solve.

@@ -1,0 +1,226 @@
+// The stress suite: every shot of the table with every method, both ways to hold lengths, in float and double. What
+// does not hold is listed here, and the list is as much a test as the rest: what starts to hold must leave it.
+#include <catch2/catch.hpp>
+#include <cstdlib>
+#include <cstring>
+
+#include "tests/stability/properties.h"
+
+using namespace strandbake;
+using namespace strandbake::stability;
+using harness::Random;
+
+namespace {
+
+Case with_method(const Case& c, int method, const LengthParams& lengths) {
+  const auto set = [method, lengths](RegionParams region) {
+    region.local.method = method;
+    region.lengths = lengths;
+    return region;
+  };
+  Case with = c;
+  with.shot.region = set(c.shot.region);
+  if (c.shot.regions_at) {
+    with.shot.regions_at = [regions_at = c.shot.regions_at, set](int frame) {
+      std::vector<RegionParams> regions = regions_at(frame);
+      for (RegionParams& region : regions) region = set(region);
+      return regions;
+    };
+  }
+  return with;
+}
+
+// Bounds of what is measured, see properties.h.
+constexpr double kGrowth = 2;  // flutter goes up and down
+constexpr double kUnrest = 5e-4;
+constexpr double kHeld = 0.02;
+
+struct Known {
+  const char* shot;
+  const char* lengths;
+  const char* property;
+  const char* runs;  // methods, each with f for float and d for double
+  const char* why;
+};
+
+// Why hair does not come to rest.
+constexpr const char* kExplicit =
+    "Two rounds of the length solve move vertices along the directions that segments had before, which is explicit: "
+    "where "
+    "4 g n^2 h^2 / L is above about 3, with n segments on a strand of length L and substep h, hair goes on trembling.";
+constexpr const char* kFollower =
+    "The local shape is a follower force. Stiff or in short substeps, and with little damping, it flutters.";
+constexpr const char* kBalance =
+    "The balance of gravity and a follower force is not a stable one: hair that has left it flutters and stays away.";
+constexpr const char* kNoFrame = "Where a segment folds back or is next to nothing, frames turn with the least motion.";
+constexpr const char* kSlow =
+    "Two iterations let hair go to many times its length, or cannot bring it back against the force, step by step.";
+constexpr const char* kTurns = "How far hair is stretched at rest depends on the substep, which changes in turn.";
+constexpr const char* kSwings = "With so little damping hair still swings.";
+constexpr const char* kCreeps = "Without velocity hair goes on creeping down, a little in each step.";
+
+const std::vector<Known> kKnown = {
+    {"the head is elsewhere at once", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"the head is elsewhere at once", "iterated", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kSlow},
+    {"half a turn in one frame", "direct", "rest", "1f 1d 2f 2d 4f 4d", kExplicit},
+    {"one frame a second", "direct", "rest", "1f 1d 2f 2d 4f 4d", kExplicit},
+    {"one frame a second", "iterated", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kSlow},
+    {"a hundred kilometres from the origin", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"1 to 1000 substeps from frame to frame", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"1 to 1000 substeps from frame to frame", "iterated", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kTurns},
+    {"one substep", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"16 substeps", "direct", "rest", "1f 1d 2f 2d 4f 4d", kFollower},
+    {"16 substeps", "iterated", "rest", "1f 1d 2f 2d 4f 4d", kFollower},
+    {"no stiffness at all", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"local shape alone, rigid", "direct", "rest", "1f 1d 2f 2d 4f 4d", kFollower},
+    {"local shape alone, rigid", "iterated", "rest", "2f 2d 4f 4d", kFollower},
+    {"local shape alone, rigid, 20 iterations", "direct", "rest", "2f 2d 4f 4d", kFollower},
+    {"local shape alone, rigid, 20 iterations", "iterated", "rest", "2f 2d 4f 4d", kFollower},
+    {"both rigid", "direct", "rest", "2f 2d", kFollower},
+    {"both rigid", "iterated", "rest", "2f 2d", kFollower},
+    {"a range of nothing", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"all velocity lost", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"all velocity lost", "iterated", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kCreeps},
+    {"in balance as it was made", "direct", "rest", "1f 1d 2f 2d 4f 4d", kBalance},
+    {"in balance as it was made", "iterated", "rest", "1f 1d 2f 2d 4f 4d", kBalance},
+    {"little damping", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"little damping", "iterated", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kSwings},
+    {"parameters from end to end of their ranges, each frame", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"strands that fold back on themselves", "direct", "rest", "2f 2d 3f 3d 4f 4d", kNoFrame},
+    {"strands that fold back on themselves", "iterated", "rest", "1f 1d 2f 2d 4f 4d", kNoFrame},
+    {"vertices in one place", "direct", "rest", "1f 1d 2f 2d 4f 4d", kExplicit},
+    {"vertices in one place", "iterated", "rest", "4f 4d", kNoFrame},
+    {"segments of 1e-7 m beside segments of 1 m", "direct", "rest", "1f 1d 2f 2d 4f 4d", kExplicit},
+    {"segments of 1e-7 m beside segments of 1 m", "iterated", "rest", "1f 1d 2f 2d 4f 4d", kNoFrame},
+    {"hair of a tenth of a millimetre", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"hair of a tenth of a millimetre", "iterated", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kSlow},
+    {"hair of a kilometre", "direct", "rest", "2f 2d 4f 4d", kFollower},
+    {"hair of a kilometre", "iterated", "rest", "2f 2d 4f 4d", kFollower},
+    {"both ends held", "direct", "held", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"both ends held", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"both ends held, one substep", "direct", "held", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"both ends held, one substep", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"a sphere that grows to swallow the roots", "direct", "rest", "1f 1d 2f 2d 4f 4d", kExplicit},
+    {"a sphere that sweeps through at 50 m/s", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"a sphere out of nothing, and gone again", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"a sphere larger than the groom", "iterated", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kSlow},
+    {"six spheres in one another", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"a thousand times the weight", "direct", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kExplicit},
+    {"a thousand times the weight", "iterated", "rest", "1f 1d 2f 2d 3f 3d 4f 4d", kSlow},
+};
+
+std::string known_runs(const std::string& shot, const std::string& lengths, const std::string& property) {
+  for (const Known& known : kKnown) {
+    if (shot == known.shot && lengths == known.lengths && property == known.property) return known.runs;
+  }
+  return "";
+}
+
+}  // namespace
+
+TEST_CASE("every shot of the stress table holds what it should, but for those that are listed") {
+  for (const Case& c : cases()) {
+    for (const bool direct : {true, false}) {
+      std::string infinite, stretched, out_of_reach, held, growing, restless;
+      for (const int method : {1, 2, 3, 4}) {
+        const Case run_of = with_method(c, method, direct ? LengthParams{} : LengthParams::iterated(2));
+        for (const Precision precision : {Precision::Float, Precision::Double}) {
+          const auto note = [&](std::string& runs) {
+            runs += (runs.empty() ? "" : " ") + std::to_string(method) + (precision == Precision::Float ? "f" : "d");
+          };
+          const Measured found = measure(run_of, precision, harness::run(run_of.shot, {.precision = precision}));
+          if (!found.finite) note(infinite);
+          // Iterated lengths promise nothing.
+          if (direct && !(found.stretch <= 1)) note(stretched);
+          if (direct && !(found.reach <= 1)) note(out_of_reach);
+          if (direct && !(found.held <= kHeld)) note(held);
+          if (!(found.growth <= kGrowth)) note(growing);
+          if (!(found.unrest <= kUnrest)) note(restless);
+        }
+      }
+      const std::string lengths = direct ? "direct" : "iterated";
+      CAPTURE(c.name, lengths);
+      CHECK(infinite.empty());
+      CHECK(stretched == known_runs(c.name, lengths, "stretch"));
+      CHECK(out_of_reach == known_runs(c.name, lengths, "reach"));
+      CHECK(held == known_runs(c.name, lengths, "held"));
+      CHECK(growing == known_runs(c.name, lengths, "growth"));
+      CHECK(restless == known_runs(c.name, lengths, "rest"));
+    }
+  }
+}
+
+TEST_CASE("what is listed of the stress table names shots that it has") {
+  const std::vector<Case> all = cases();
+  for (const Known& known : kKnown) {
+    CAPTURE(known.shot);
+    CHECK(std::any_of(all.begin(), all.end(), [&](const Case& c) { return c.name == known.shot; }));
+    CHECK(std::strlen(known.why) > 20);
+  }
+}
+
+TEST_CASE("a shot of the stress table is the same bits again, on two threads and narrow lanes") {
+  for (const Case& c : cases()) {
+    for (const int method : {1, 2, 3, 4}) {
+      Case run_of = with_method(c, method, LengthParams{});
+      run_of.shot.frames = std::min(run_of.shot.frames, 15);
+      const Precision precision = method % 2 == 0 ? Precision::Float : Precision::Double;
+      const std::vector<Points> once = harness::run(run_of.shot, {.precision = precision});
+      const std::vector<Points> again =
+          harness::run(run_of.shot, {.precision = precision, .threads = 2, .lanes = available_lanes().front()});
+      CAPTURE(c.name, method);
+      CHECK(std::equal(once.begin(), once.end(), again.begin(), harness::same_bits));
+    }
+  }
+}
+
+// STRANDBAKE_STABILITY_DRAWS says how many.
+TEST_CASE("random parameters, ends of their ranges among them, leave hair finite and at its lengths") {
+  const char* const wanted = std::getenv("STRANDBAKE_STABILITY_DRAWS");
+  const int draws = wanted != nullptr ? std::atoi(wanted) : 400;
+  Random random(111);
+  const auto share = [&] {
+    const int kind = random.integer(0, 4);
+    const double between = random.uniform(0, 1);
+    return kind == 0 ? 0.0 : kind == 1 ? 1.0 : between;
+  };
+  const Groom groom = harness::awkward_groom({0, 0, 0});
+  for (int draw = 0; draw < draws; ++draw) {
+    Case c = {"random", {}, kNever};
+    Shot& shot = c.shot;
+    shot.groom = groom;
+    shot.region.damping = share();
+    shot.region.drag = 10 * share();
+    shot.region.local.stiffness = share();
+    shot.region.local.iterations = random.integer(0, 12);
+    shot.region.local.method = random.integer(1, 4);
+    shot.region.global.stiffness = share();
+    shot.region.global.range = share();
+    shot.region.global.fade = share();
+    shot.gravity = 30 * share() * random.direction();
+    shot.wind.velocity = 50 * share() * random.direction();
+    shot.wind.gust = share();
+    const double speed = 20 * share();
+    const Vector3d axis = random.direction();
+    shot.head = [speed, axis](double time) {
+      return shifted(axis * std::sin(speed * time)) * turned(speed * time, axis.unitOrthogonal());
+    };
+    if (random.integer(0, 1) == 1) {
+      const Vector3d center = random.in_cube(0.2);
+      const double radius = 0.3 * share();
+      shot.spheres = [center, radius, speed](double time) {
+        return std::vector<Sphere>{{center * std::cos(speed * time), radius}};
+      };
+    }
+    shot.fps = random.integer(1, 240);
+    shot.substeps = random.integer(1, 6);
+    shot.frames = 8;
+    const Precision precision = random.integer(0, 1) == 0 ? Precision::Float : Precision::Double;
+    const Measured found = measure(c, precision, harness::run(shot, {.precision = precision}));
+    CAPTURE(draw, found.stretch, found.reach, shot.fps, shot.substeps, shot.region.local.method,
+            precision == Precision::Float);
+    CHECK(found.finite);
+    CHECK(found.stretch <= 1);
+    CHECK(found.reach <= 1);
+  }
+}

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Builds, runs every benchmark, and renews what docs/PERFORMANCE.md shows: the tables in it and the plots and figures in
-# docs/performance/. Wants a quiet machine and about ten minutes; --quick is a first look that changes nothing in docs/.
+# Builds, runs every benchmark, and renews what docs/PERFORMANCE.md and docs/ACCURACY.md show: the tables in them, and the
+# plots and figures in docs/performance/. Wants a quiet machine and about fifteen minutes; --quick is a first look that
+# changes nothing in docs/.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -16,7 +17,7 @@ cmake --build --preset release --target strandbake
 
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
-for name in table2 passes scaling bake features; do
+for name in table2 passes scaling bake features error; do
   build/release/cli/strandbake bench "$name" ${quick[@]+"${quick[@]}"} --folder "$scratch" --force --csv "$out/$name.csv" \
     --svg "$out/$name.svg" | tee "$scratch/$name.txt"
   echo
@@ -24,7 +25,8 @@ done
 [ ${#quick[@]} -eq 0 ] || exit 0
 
 # What stands between "<!-- NAME -->" and "<!-- end -->" is replaced by what the benchmark has printed.
-awk -v folder="$scratch" '
+for page in PERFORMANCE ACCURACY; do
+  awk -v folder="$scratch" '
   /^<!-- end -->$/ { skipping = 0 }
   !skipping { print }
   /^<!-- [a-z0-9]+ -->$/ && !/end/ {
@@ -34,5 +36,6 @@ awk -v folder="$scratch" '
     print "```"
     skipping = 1
   }
-' docs/PERFORMANCE.md >"$scratch/PERFORMANCE.md"
-cp "$scratch/PERFORMANCE.md" docs/PERFORMANCE.md
+' "docs/$page.md" >"$scratch/$page.md"
+  cp "$scratch/$page.md" "docs/$page.md"
+done

@@ -228,7 +228,7 @@ Report bench_error(const BenchOptions& options) {
                           {"ns_per_vertex_and_frame", "ns/vertex"},
                           {"mark", ""}};
   report.figure.title = "Run time against error";
-  report.figure.note = "each line: 1, 2, 4, ... substeps a frame; one thread";
+  report.figure.note = "a line is a method and how it holds lengths, at 1, 2, 4, ... substeps a frame; one thread";
   for (const Group& group : groups) {
     std::vector<Result> results;
     std::size_t vertices = 0;
@@ -278,7 +278,7 @@ Report bench_error(const BenchOptions& options) {
     panel.title = group.name;
     panel.x = {"nanoseconds a vertex and frame", true};
     panel.y = {"rms distance to the converged hair [mm]", true};
-    panel.series = {{"the front", front}, {"the paper's setting", {}}};
+    panel.series = {{"front", front}, {"paper", {}}};
     std::map<std::string, Series> lines;
     for (const Result& r : results) {
       const Setting& s = r.setting;
@@ -301,7 +301,7 @@ Report bench_error(const BenchOptions& options) {
       if (is_papers(s)) panel.series[1].points.push_back(point);
       if (s.precision != Precision::Float || s.local_iterations != 3) continue;
       if (!s.lengths.direct && (s.lengths.iterations != 2 || s.method > 1)) continue;
-      const std::string name = fmt::format("method {}, {}", s.method, s.lengths_name());
+      const std::string name = fmt::format("{} {}", s.method, s.lengths_name());
       lines[name].name = name;
       lines[name].points.push_back(point);
     }

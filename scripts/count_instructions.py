@@ -25,7 +25,7 @@ TOLERANCE = 0.05
 SMALLEST_PART = 0.02  # of the whole, to be judged by itself
 
 GROOM = ["--style", "curly", "--strands", "120", "--vertices", "24", "--seed", "1"]
-# Every method, every pass, and a cache as people write it. No animation: assimp is not ours to count.
+# Every method, every pass, both ways to hold lengths, and a cache as people write it. No animation: assimp is not ours to count.
 SCENE = """
 [bake]
 frames = "1-24"
@@ -46,6 +46,7 @@ global = {stiffness = {1 = 0.3, 12 = 0.1}, range = 0.4}
 name = "method 2"
 strands = {range = "64-95"}
 local = {stiffness = 0.5, iterations = 3, method = 2}
+lengths = {iterations = 2}
 
 [[region]]
 name = "method 4"

@@ -11,7 +11,7 @@ typedef std::uint32_t uint;
 enum RegionReal {
   kKeepFirst,
   kKeep,
-  kGravityH2,  // x, y, z
+  kGravityH2,                   // x, y, z
   kSupportH2 = kGravityH2 + 3,  // x, y, z
   kH2 = kSupportH2 + 3,
   kDragH2,

@@ -514,10 +514,12 @@ int run_bake(BakeOptions options) {
                  {"figure", figure.name},
                  {"value", excess->value},
                  {"limit", excess->limit.most}});
-    failure = {kInvalid, fmt::format("frame {}: the {} is {}{}, but --fail-on {}={} allows no more; {}; {} holds the "
-                                     "frames up to it",
-                                     excess->frame, figure.in_words, excess->value, figure.unit, figure.name,
-                                     excess->limit.most, figure.what_helps, part)};
+    // What else has ended the bake counts for more.
+    if (!failure)
+      failure = {kInvalid, fmt::format("frame {}: the {} is {}{}, but --fail-on {}={} allows no more; {}; {} holds the "
+                                       "frames up to it",
+                                       excess->frame, figure.in_words, excess->value, figure.unit, figure.name,
+                                       excess->limit.most, figure.what_helps, part)};
   }
   if (failure) {
     bake.close();

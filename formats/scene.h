@@ -30,10 +30,11 @@ void fields(V& v, BakeParams& p) {
   v("fps", p.fps, Range{0, 100000, true}, "1/s", "Frames a second.");
   v("substeps", p.substeps, or_auto(between(1, 1000)), "1",
     "Steps of the simulation in a frame; head and colliders move in each. \"auto\": as many as the motion of head and "
-    "colliders in and shortly before the frame needs, one where they are still; wind, gravity and stiffness do not "
+    "colliders needs, in the frame and for as long as damping lets hair ring on, one where all is calm; wind, gravity "
+    "and stiffness do not "
     "count.");
   v("tolerance", p.tolerance, Range{0, 1, true}, "m",
-    "With substeps = \"auto\": how far a root may stray, in a substep, from going straight on. Half of it takes up to "
+    "With substeps = \"auto\": how far a root may stray, in a substep, from going straight on. Half of it takes about "
     "1.4 times as many substeps.");
   v("preroll", p.preroll, between(0, 100000), "frame",
     "Frames simulated before the first, with head and colliders held in their first pose, so that hair comes to rest.");

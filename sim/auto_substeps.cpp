@@ -46,7 +46,7 @@ MotionNeed motion_need(std::span<const Motion> path, const HairExtent& hair) {
       const double way = (now - in_head(t - 1)).norm();
       // On its way it may come nearer by as much.
       is_near |= radius > 0 && hair.roots.exteriorDistance(now) <= hair.reach + radius + way;
-      if (way > 0) steps = std::max(steps, kMotionSamples * way / (radius / 2));
+      if (way > 0 && radius > 0) steps = std::max(steps, kMotionSamples * way / (radius / 2));
     }
     if (!is_near) continue;
     need.steps = std::max(need.steps, steps);

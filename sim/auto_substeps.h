@@ -32,7 +32,7 @@ struct Motion {
   std::vector<Sphere> spheres;
 };
 
-// Where simulated hair begins and how far it reaches, at rest.
+// Where simulated hair begins and how far it reaches, at rest; where iterated lengths stretch it, it reaches farther.
 struct HairExtent {
   Eigen::AlignedBox3d roots;  // [m] around the pinned vertices; empty where no hair is simulated
   double reach = 0;           // [m] length of the longest strand
@@ -41,7 +41,7 @@ HairExtent hair_extent(const Groom& groom, const Plan& plan);
 
 struct MotionNeed {
   double bend = 0;   // b [m]
-  double steps = 0;  // substeps in which each sphere moves by half its radius; infinite for a point that moves
+  double steps = 0;  // substeps in which each sphere moves by half its radius
 };
 // `path`: kMotionSamples + 2 moments, from d before the frame's start to its end, each with the same spheres. Nothing
 // is needed where no hair is simulated.

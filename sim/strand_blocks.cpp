@@ -348,7 +348,7 @@ RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& pla
   const auto runs = [&](bool planned, Scalar amount) { return planned && (amount > 0 || !skip.passes); };
   step.wind = runs(plan.wind, step.drag_h2);
   step.global_shape = runs(plan.global_shape, step.global_stiffness);
-  step.local_shape = runs(plan.local_shape, step.half_local_stiffness);
+  step.local_shape = runs(plan.local_shape, step.half_local_stiffness) && params.local.iterations > 0;
   step.supported = plan.sag_free && step.local_shape && params.local.method != 3;
   for (int axis = 0; axis < 3; ++axis) {
     step.support_h2[axis] = static_cast<Scalar>(plan.sag_free && !step.supported ? -rest_weight[axis] * h * h : 0);

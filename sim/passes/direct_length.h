@@ -64,7 +64,7 @@ STRAND_FN VEC3 at_length(VEC3 before, VEC3 far, VEC3 direction, Real rest_length
                    SELECT(is_far > (Real)0.0f, from_before.z, from_far.z));
 }
 
-// 1 / m_j, from A_jj, b_j and b_j / m_{j-1}. Where both ends are pinned there is nothing to solve.
+// 1 / m_j, from A_jj, b_j and b_j / m_{j-1}. Padding has A_jj = 0; all else is above the bound, HELD_COMPLIANCE too.
 STRAND_FN Real inverse_pivot(Real diagonal, Real b, Real share) {
   Real pivot = diagonal - b * share;
   return (Real)1.0f / SELECT(pivot > (Real)1e-4f, pivot, (Real)1.0f);
@@ -80,6 +80,7 @@ STRAND_FN VEC3 swing_out_of_sphere(VEC3 p, VEC3 near, Real length, VEC3 center, 
   // On the circle where the two spheres meet: as far along the axis, and across it where p is.
   Real along = (length * length + (distance2 - radius * radius)) / (distance + distance);
   along = SELECT(along < (Real)0.0f - length, (Real)0.0f - length, along);
+  along = SELECT(along > length, length, along);  // by rounding alone, next to the centre
   Real across2 = length * length - along * along;
   Real across = SQRT(SELECT(across2 > (Real)0.0f, across2, (Real)0.0f));
   VEC3 arm = p - near;

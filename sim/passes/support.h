@@ -7,7 +7,7 @@
 //
 // On a head that stands as it did at the start, a strand in its rest pose feels nothing. One that has swung away feels
 // how its weight and its inner force have come apart. Where frames do not follow the hair (method 3, no local shape)
-// F is the head's rotation.
+// F is the head's rotation. Frames of methods 2 and 4 stand still while a region's local shape is switched off.
 // Source: ours. The problem: Twigg, Kacic-Alesic, "Optimization for Sag-Free Simulations", SCA 2011.
 // Checks: tests/sim/support_test.cpp.
 #pragma once

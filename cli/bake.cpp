@@ -52,6 +52,11 @@ struct BakeOptions {
   bool dry_run = false;
 };
 
+// For the cache, or to judge the bake by.
+bool wants_stats(const Scene& scene, const BakeOptions& options) {
+  return scene.cache.stats || !options.fail_on.empty();
+}
+
 // Set by SIGINT and SIGTERM, read between frames. A second signal ends the program at once.
 volatile std::sig_atomic_t stop_requested = 0;
 void request_stop(int signal) {
@@ -214,7 +219,7 @@ class Bake {
         written_(written),
         threads_(options.threads),
         velocity_(shot_.scene.cache.velocity),
-        stats_(shot_.scene.cache.stats || !options.fail_on.empty()),
+        stats_(wants_stats(shot_.scene, options)),
         vertex_count_(shot_.groom.vertex_count()),
         on_frame_(std::move(on_frame)) {
     for (const std::string& text : options.fail_on) limits_.push_back(parse_limit(text));
@@ -450,7 +455,7 @@ int run_bake(BakeOptions options) {
   const auto show_progress = [&](int frame, const std::string& note) {
     progress->update(static_cast<std::size_t>(frame) - static_cast<std::size_t>(first) + 1, note);
   };
-  const bool stats = shot.scene.cache.stats || !options.fail_on.empty();
+  const bool stats = wants_stats(shot.scene, options);
   const Shot::Substeps substeps = shot.count_substeps(written.second);
   Bake bake(std::move(shot), options, backend, events, written, [&](int frame, const FrameStats& found) {
     nlohmann::ordered_json event = {{"event", "frame"}, {"frame", frame}, {"substeps", found.substeps}};

@@ -29,13 +29,12 @@ void fields(V& v, BakeParams& p) {
   v("frames", p.frames, any_text(), "frame", "First and last frame, \"1-240\", or one frame, \"7\".");
   v("fps", p.fps, Range{0, 100000, true}, "1/s", "Frames a second.");
   v("substeps", p.substeps, or_auto(between(1, 1000)), "1",
-    "Steps of the simulation in a frame; head and colliders move in each. \"auto\": as many as the motion of head and "
-    "colliders needs, in the frame and for as long as damping lets hair ring on, one where all is calm; wind, gravity "
-    "and stiffness do not "
-    "count.");
+    "Steps of the simulation in a frame; head and colliders move in each. \"auto\": as many as the motion of head "
+    "and colliders needs, in the frame and for as long as damping lets hair ring on, one where all is calm; wind, "
+    "gravity and stiffness do not count.");
   v("tolerance", p.tolerance, Range{0, 1, true}, "m",
-    "With substeps = \"auto\": how far a root may stray, in a substep, from going straight on. Half of it takes about "
-    "1.4 times as many substeps.");
+    "With substeps = \"auto\": how far a root may stray, in a substep, from going straight on. Half of it takes "
+    "about 1.4 times as many substeps.");
   v("preroll", p.preroll, between(0, 100000), "frame",
     "Frames simulated before the first, with head and colliders held in their first pose, so that hair comes to rest.");
 }
@@ -152,9 +151,8 @@ void fields(V& v, ColliderParams& p) {
   v("node", p.node, any_text(), "",
     "Node of the head's animation that the collider rides; left out: fixed in the world.");
   v("space", p.space, one_of({"world", "node", "groom"}), "",
-    "Axes and units of the numbers: the world at the rest frame in metres, the node's own axes in metres, or those of "
-    "the groom's "
-    "files (groom.units, groom.up and its placement).");
+    "Axes and units of the numbers: the world at the rest frame in metres, the node's own axes in metres, or those "
+    "of the groom's files (groom.units, groom.up and its placement).");
 }
 
 struct CacheParams {
@@ -166,9 +164,8 @@ struct CacheParams {
 template <class V>
 void fields(V& v, CacheParams& p) {
   v("precision", p.precision, between(0, 1), "m",
-    "Positions are rounded to multiples of the largest power of two that is not above this, which packs far better. 0: "
-    "not "
-    "rounded.");
+    "Positions are rounded to multiples of the largest power of two that is not above this, which packs far better. "
+    "0: not rounded.");
   v("compression", p.compression, any_text(), "", "\"none\", or \"deflate:N\" with N from 1, fast, to 12, small.");
   v("velocity", p.velocity, Switch{}, "", "Also write velocities.");
   v("stats", p.stats, Switch{}, "",
@@ -236,8 +233,7 @@ void fields(V& v, Scene& s) {
   v("wind", s.wind, "The wind, the same everywhere but for its gusts.");
   v("region", s.regions,
     "A part of the strands with parameters of its own; one table for each. Without any, one region named \"hair\" "
-    "takes "
-    "every strand.");
+    "takes every strand.");
   v("collider", s.colliders, "A thing that hair cannot enter; one table for each.");
   v("cache", s.cache, "The file that is written.");
 }

@@ -398,9 +398,11 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
   }
   choose_width(groom);
   strands_.emplace(groom, plan, report_.strands_in_a_block, options.threads, options.skip);
-  numbers_ = strands_->lay_out(plan, true, nullptr);
+  std::vector<bool> scratch;  // work-items by vertices have theirs in the memory that a group shares
+  for (const Mapping mapping : mapping_) scratch.push_back(mapping == Mapping::Strands);
+  numbers_ = strands_->lay_out(plan, scratch, nullptr);
   host_state_ = LargeArray<Scalar>(numbers_);
-  strands_->lay_out(plan, true, host_state_.data());
+  strands_->lay_out(plan, scratch, host_state_.data());
   origin_.emplace(strands_->center, head);
   rest_weight_ = head.linear().transpose() * plan.gravity_at_rest;
   const HeadTurn<Scalar> start(head);
@@ -408,7 +410,8 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
   FirstException failure;
 #pragma omp parallel for num_threads(options.threads) schedule(dynamic, 8)
   for (std::ptrdiff_t b = 0; b < block_count; ++b) {
-    failure.guard([&] { strands_->fill(groom, plan, start, strands_->blocks[static_cast<std::size_t>(b)]); });
+    failure.guard(
+        [&] { strands_->fill(groom, plan, start, rest_weight_, strands_->blocks[static_cast<std::size_t>(b)]); });
   }
   failure.rethrow();
 
@@ -566,9 +569,8 @@ void Implementation<Scalar>::simulate(const Batch& batch, cl_mem state, cl_uint 
 
 template <class Scalar>
 void Implementation<Scalar>::gather(const Batch& batch, cl_mem state, cl_uint swapped) const {
-  const Eigen::Vector3d& origin = origin_->now();
-  set(gather_, state, batch.blocks.get(), batch.targets.get(), swapped, in_world<Scalar>(Scalar(0), origin.x()),
-      in_world<Scalar>(Scalar(0), origin.y()), in_world<Scalar>(Scalar(0), origin.z()), positions_.get(),
+  const Vec3<Scalar> origin = to_vec3<Scalar>(origin_->now());
+  set(gather_, state, batch.blocks.get(), batch.targets.get(), swapped, origin.x, origin.y, origin.z, positions_.get(),
       not_finite_.get());
   const std::size_t global[] = {batch.block_count * static_cast<std::size_t>(strands_->width), 8};
   check_opencl(
@@ -605,7 +607,7 @@ void Implementation<Scalar>::start(const FrameInput& input) {
     ints[kLocalMethod] = step.local_method;
     ints[kLocalIterations] = step.local_iterations;
     ints[kDirectLengths] = step.direct_lengths;
-    ints[kLengthIterations] = step.direct_lengths ? 0 : step.length_iterations;
+    ints[kLengthIterations] = step.length_iterations;
     region_ints.insert(region_ints.end(), std::begin(ints), std::end(ints));
   }
   const FrameSteps<Scalar> steps = frame_steps<Scalar>(input, *origin_);

@@ -32,7 +32,7 @@ struct Block {
   Scalar* free;         // [vertices] if masked: 1 free, 0 pinned or padding
   Scalar* active;       // [vertices] if masked: 1 where the segment that ends at a vertex exists
   Scalar* swept;        // [vertices] if masked (direct lengths): 1 where no pinned vertex ends it or comes after
-  Scalar* elimination;  // [vertices] of two numbers, on devices: direct lengths, what a substep works out
+  Scalar* elimination;  // [vertices] of two numbers, where asked for: direct lengths, what a substep works out
   Scalar* wind_weight;  // [4]: blend of the four gusts
   bool at_rest;         // the last substep changed not a bit, and neither would another with the same input
 };
@@ -66,7 +66,7 @@ struct RegionStep {
   int local_iterations;
   int local_method;
   bool direct_lengths;
-  int length_iterations;  // where not direct
+  int length_iterations;  // 0 where direct
   bool repeats;           // all of the above, but for what is kept of a velocity, is as it was in the last frame
 };
 

@@ -91,8 +91,7 @@ void read_lanes(const float* rows, std::size_t width, const Eigen::Vector3d& ori
   typedef float Four __attribute__((vector_size(16), aligned(4), may_alias));
   const auto load = [](const float* p) { return *reinterpret_cast<const Four*>(p); };
   const auto store = [](float* p, Four v) { *reinterpret_cast<Four*>(p) = v; };
-  const float ox = in_world<float>(0.0f, origin.x()), oy = in_world<float>(0.0f, origin.y()),
-              oz = in_world<float>(0.0f, origin.z());
+  const auto [ox, oy, oz] = to_vec3<float>(origin);
   float *a = to[0], *b = to[1], *c = to[2], *d = to[3];
   for (std::size_t i = 0; i < count; ++i, rows += 3 * width, a += 3, b += 3, c += 3, d += 3) {
     const Four x = load(rows) + ox, y = load(rows + width) + oy, z = load(rows + 2 * width) + oz;
@@ -163,15 +162,16 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
   } else {
     advance_block_ = kernels.advance_double;
   }
-  state_count_ = strands_.lay_out(plan, false, nullptr);
+  state_count_ = strands_.lay_out(plan, {}, nullptr);
   state_ = LargeArray<Scalar>(state_count_);
-  strands_.lay_out(plan, false, state_.data());
+  strands_.lay_out(plan, {}, state_.data());
   const HeadTurn<Scalar> start(head);
   const auto block_count = static_cast<std::ptrdiff_t>(strands_.blocks.size());
   FirstException failure;
 #pragma omp parallel for num_threads(options.threads) schedule(dynamic, 8)
   for (std::ptrdiff_t b = 0; b < block_count; ++b) {
-    failure.guard([&] { strands_.fill(groom, plan, start, strands_.blocks[static_cast<std::size_t>(b)]); });
+    failure.guard(
+        [&] { strands_.fill(groom, plan, start, rest_weight_, strands_.blocks[static_cast<std::size_t>(b)]); });
   }
   failure.rethrow();
 
@@ -356,9 +356,9 @@ std::unique_ptr<Solver> make_openmp_solver(const Groom& groom, const Plan& plan,
 
 std::size_t openmp_state_bytes(const Groom& groom, const Plan& plan, const SolverOptions& options) {
   if (options.precision == Precision::Double) {
-    return make_blocks<double>(groom, plan, options).lay_out(plan, false, nullptr) * sizeof(double);
+    return make_blocks<double>(groom, plan, options).lay_out(plan, {}, nullptr) * sizeof(double);
   }
-  return make_blocks<float>(groom, plan, options).lay_out(plan, false, nullptr) * sizeof(float);
+  return make_blocks<float>(groom, plan, options).lay_out(plan, {}, nullptr) * sizeof(float);
 }
 
 }  // namespace strandbake

@@ -20,8 +20,8 @@ void fields(V& v, LocalShapeParams& p) {
   v("iterations", p.iterations, between(0, 1000), "1",
     "Sweeps of the constraint in a substep. 0 switches the pass off.");
   v("method", p.method, between(1, 4), "1",
-    "How the local frames are updated. 1: exactly, root to tip. 2: from the frames of the previous iteration. "
-    "3: rest frames turned with the head. 4: exactly, for the whole strand before each iteration.");
+    "How the local frames are updated. 1: exactly, root to tip. 2: from the frames of the previous iteration. 3: "
+    "rest frames turned with the head. 4: exactly, for the whole strand before each iteration.");
 }
 
 // Paper, section 3.3.
@@ -50,8 +50,7 @@ struct LengthParams {
 template <class V>
 void fields(V& v, LengthParams& p) {
   v("direct", p.direct, Switch{}, "",
-    "true: all segments of a strand are solved for at once, and hair that is held by its root does not stretch at "
-    "all.");
+    "true: all segments of a strand are solved for at once; hair that is held by its root does not stretch at all.");
   v("iterations", p.iterations, between(0, 1000), "1",
     "Instead: sweeps of the paper's constraint in a substep, even edges then odd ones. 0 lets lengths go.");
 }
@@ -70,8 +69,7 @@ void fields(V& v, RegionParams& p) {
   v("simulate", p.simulate, Switch{}, "", "false: the region's hair just rides on the head, at next to no cost.");
   v("sag_free", p.sag_free, Switch{}, "",
     "true: the groom is in balance as it was made, under the gravity and on the head of the first frame. false: it "
-    "sags "
-    "under its weight.");
+    "sags under its weight.");
   v("damping", p.damping, between(0, 1).keyed(), "1", "The share of its velocity that a vertex loses in 1/60 s.");
   v("drag", p.drag, at_least(0).keyed(), "1/s",
     "Acceleration by the wind, per m/s of wind across the strand. 0 lets no wind in.");

@@ -73,8 +73,10 @@ std::uint32_t spread_bits(std::uint32_t v) {
 
 // For each strand its root's place on a curve that keeps neighbours together (Morton's), so that the strands of a block
 // are near each other and meet the same colliders.
-std::vector<std::uint32_t> order_in_space(const Groom& groom, const Eigen::AlignedBox3d& box) {
+std::vector<std::uint32_t> order_in_space(const Groom& groom) {
   const std::size_t strands = groom.strand_count();
+  Eigen::AlignedBox3d box;
+  for (std::size_t s = 0; s < strands; ++s) box.extend(groom.position[groom.offset[s]]);
   std::vector<std::uint32_t> place(strands, 0);
   for (std::size_t s = 0; s < strands; ++s) {
     const Eigen::Vector3d from_corner = groom.position[groom.offset[s]] - box.min();
@@ -142,10 +144,8 @@ StrandBlocks<Scalar>::StrandBlocks(const Groom& groom, const Plan& plan, int str
   }
   strand_order.resize(strands);
   std::iota(strand_order.begin(), strand_order.end(), 0u);
-  Eigen::AlignedBox3d roots;
-  for (std::size_t s = 0; s < strands; ++s) roots.extend(groom.position[groom.offset[s]]);
   center = coarse_center(groom);
-  const std::vector<std::uint32_t> place = order_in_space(groom, roots);
+  const std::vector<std::uint32_t> place = order_in_space(groom);
   const auto key = [&](std::uint32_t s) {
     return std::tuple(region_of(s), extra_pins[s], groom.vertex_count(s), place[s], s);
   };
@@ -198,7 +198,7 @@ StrandBlocks<Scalar>::StrandBlocks(const Groom& groom, const Plan& plan, int str
 }
 
 template <class Scalar>
-std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, bool on_device, Scalar* base) {
+std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, const std::vector<bool>& scratch, Scalar* base) {
   const std::size_t w = static_cast<std::size_t>(width);
   std::size_t used = 0;
   const auto take = [&](Scalar*& array, std::size_t count) {
@@ -218,7 +218,6 @@ std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, bool on_device, Scal
     }
     take(b.previous, 3 * n * w);
     const bool frames = region.local_shape && region.local_method != 3;
-    const bool direct = region.edge_lengths && region.direct_lengths;
     const bool all_rest = b.masked || (region.local_shape && region.local_method == 3);
     b.rest_vertices = all_rest ? b.vertices : std::max(2, b.global_end);
     take(b.rest, 3 * static_cast<std::size_t>(b.rest_vertices) * w);
@@ -233,15 +232,16 @@ std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, bool on_device, Scal
     take(b.fade, static_cast<std::size_t>(b.global_end) * w);
     take(b.free, b.masked ? n * w : 0);
     take(b.active, b.masked ? n * w : 0);
-    take(b.swept, b.masked && direct ? n * w : 0);
-    take(b.elimination, direct && on_device ? 2 * n * w : 0);
+    take(b.swept, b.masked && region.direct_lengths ? n * w : 0);
+    take(b.elimination, region.direct_lengths && !scratch.empty() && scratch[placed.region] ? 2 * n * w : 0);
     take(b.wind_weight, region.wind ? 4 * w : 0);
   }
   return used;
 }
+
 template <class Scalar>
 void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const HeadTurn<Scalar>& head,
-                                const Placed<Scalar>& placed) const {
+                                const Eigen::Vector3d& rest_weight, const Placed<Scalar>& placed) const {
   const auto w = static_cast<std::size_t>(width);
   const auto store = [&](Scalar* array, std::size_t vertex, int lane, Vec3<Scalar> v) {
     Scalar* const row = array + row_at(vertex, lane);
@@ -282,7 +282,7 @@ void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
         store(b.local_edge, i, lane, local);
         store(b.remainder, i, lane, edge - from_frame(frames[i - 1], local));
       }
-      const Vec3<Scalar> weight = head.turn_back(to_vec3<Scalar>(plan.gravity_at_rest));
+      const Vec3<Scalar> weight = to_vec3<Scalar>(rest_weight);
       for (std::size_t i = 2; i < own && b.support != nullptr; ++i) {
         store(b.support, i, lane, into_frame(frames[i - 1], weight) * Scalar(-1));
       }
@@ -307,19 +307,20 @@ void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
         store_number(b.fade, i, lane, static_cast<Scalar>(weight));
       }
     }
+    const auto is_pinned = [&](std::size_t i) {
+      return i < 2 || !region.simulated || (!groom.pinned.empty() && groom.pinned[groom.offset[s] + i] != 0);
+    };
     if (b.masked) {
       for (std::size_t i = 0; i < n; ++i) {
-        const bool pinned =
-            i < 2 || i >= own || !region.simulated || (!groom.pinned.empty() && groom.pinned[groom.offset[s] + i] != 0);
-        store_number(b.free, i, lane, static_cast<Scalar>(pinned ? 0 : 1));
+        store_number(b.free, i, lane, static_cast<Scalar>(i >= own || is_pinned(i) ? 0 : 1));
         store_number(b.active, i, lane, static_cast<Scalar>(i < own ? 1 : 0));
       }
     }
     if (b.swept != nullptr) {
       bool pinned_after = false;
       for (std::size_t i = own; i-- > 2;) {
-        pinned_after |= !groom.pinned.empty() && groom.pinned[groom.offset[s] + i] != 0;
-        store_number(b.swept, i, lane, static_cast<Scalar>(pinned_after || !region.simulated ? 0 : 1));
+        pinned_after |= is_pinned(i);
+        store_number(b.swept, i, lane, static_cast<Scalar>(pinned_after ? 0 : 1));
       }
     }
     if (b.wind_weight != nullptr) {
@@ -356,8 +357,8 @@ RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& pla
   step.h2 = static_cast<Scalar>(h * h);
   step.local_iterations = params.local.iterations;
   step.local_method = params.local.method;
-  step.direct_lengths = plan.edge_lengths && params.lengths.direct;
-  step.length_iterations = params.lengths.iterations;
+  step.direct_lengths = plan.direct_lengths;
+  step.length_iterations = plan.direct_lengths ? 0 : params.lengths.iterations;
   return step;
 }
 
@@ -378,6 +379,7 @@ void check_against_plan(const Plan& plan, const FrameInput& input) {
   }
   if (!fits) throw std::invalid_argument("the input of a frame asks for more than the plan has");
 }
+
 template <class Scalar>
 FrameSteps<Scalar> frame_steps(const FrameInput& input, Origin& origin) {
   FrameSteps<Scalar> steps;

@@ -34,10 +34,6 @@ struct HeadTurn {
         rotation[3 * row + column] = static_cast<Scalar>(head.linear()(row, column));
     }
   }
-  Vec3<Scalar> turn_back(Vec3<Scalar> v) const {
-    const Scalar* r = rotation;
-    return rotate_by_rows<Scalar>({r[0], r[3], r[6]}, {r[1], r[4], r[7]}, {r[2], r[5], r[8]}, v);
-  }
   Vec3<Scalar> turn(Vec3<Scalar> v) const {
     const Scalar* r = rotation;
     return rotate_by_rows<Scalar>({r[0], r[1], r[2]}, {r[3], r[4], r[5]}, {r[6], r[7], r[8]}, v);
@@ -91,12 +87,14 @@ struct StrandBlocks {
   // have.
   StrandBlocks(const Groom& groom, const Plan& plan, int strands_in_a_block, int threads, const Skip& skip);
 
-  // Hands out memory from `base` on; returns how many numbers that takes. nullptr: only counts. `on_device`: with what
-  // a device has no workspace for.
-  std::size_t lay_out(const Plan& plan, bool on_device, Scalar* base);
+  // Hands out memory from `base` on; returns how many numbers that takes. nullptr: only counts. `scratch`: regions
+  // whose blocks hold what else a thread's workspace holds.
+  std::size_t lay_out(const Plan& plan, const std::vector<bool>& scratch, Scalar* base);
 
-  // Writes the rest state of the strands of one block, and puts them at rest on the head.
-  void fill(const Groom& groom, const Plan& plan, const HeadTurn<Scalar>& head, const Placed<Scalar>& placed) const;
+  // Writes the rest state of the strands of one block, and puts them at rest on the head. `rest_weight` as in
+  // region_step().
+  void fill(const Groom& groom, const Plan& plan, const HeadTurn<Scalar>& head, const Eigen::Vector3d& rest_weight,
+            const Placed<Scalar>& placed) const;
 
   // Where row `vertex` of an array of vectors begins, for the strand in `lane`.
   std::size_t row_at(std::size_t vertex, int lane) const {

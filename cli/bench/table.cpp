@@ -42,7 +42,10 @@ std::size_t Table::index_of(const std::string& key) const {
 
 void Table::add(const std::vector<std::pair<std::string, Cell>>& cells) {
   std::vector<Cell> row(columns.size());
-  for (const auto& [key, cell] : cells) row[index_of(key)] = cell;
+  for (const auto& [key, cell] : cells) {
+    const auto* value = std::get_if<double>(&cell);
+    row[index_of(key)] = value != nullptr && !std::isfinite(*value) ? Cell() : cell;
+  }
   rows.push_back(std::move(row));
 }
 

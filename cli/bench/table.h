@@ -20,7 +20,8 @@ struct Table {
   std::vector<Column> columns;
   std::vector<std::vector<Cell>> rows;  // a cell a column
 
-  // Cells by key, the others empty. Throws std::out_of_range for a key that no column has.
+  // Cells by key, the others empty, and so is a figure that is not finite. Throws std::out_of_range for a key that no
+  // column has.
   void add(const std::vector<std::pair<std::string, Cell>>& cells);
   std::size_t index_of(const std::string& key) const;
 };

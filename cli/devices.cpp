@@ -44,7 +44,7 @@ int run_devices(bool json) {
                                human_bytes(static_cast<double>(device.local_memory)), device.largest_group));
     line("float", device.exact_float
                       ? "division and square root are exact: the bytes of the CPU"
-                      : "division and square root are not exact: after a frame 3e-6 m from the CPU's hair (root "
+                      : "division and square root are not exact: after a frame 5e-7 m from the CPU's hair (root "
                         "mean square), after many by more");
     line("double", device.exact_double ? "exact: the bytes of the CPU" : "none");
   }

@@ -332,6 +332,7 @@ void Implementation<Scalar>::make_batch(Batch& batch, const Groom& groom) {
     row.frame_y = place(block.frame_y);
     row.support = place(block.support);
     row.length = place(block.length);
+    row.tension = place(block.tension);
     row.fade = place(block.fade);
     row.free = place(block.free);
     row.active = place(block.active);
@@ -591,6 +592,7 @@ void Implementation<Scalar>::start(const FrameInput& input) {
     Scalar reals[kRegionReals];
     reals[kKeepFirst] = step.keep_first;
     reals[kKeep] = step.keep;
+    reals[kTensionFirst] = step.tension_first;
     std::copy(std::begin(step.gravity_h2), std::end(step.gravity_h2), reals + kGravityH2);
     std::copy(std::begin(step.support_h2), std::end(step.support_h2), reals + kSupportH2);
     reals[kH2] = step.h2;

@@ -28,6 +28,7 @@ struct Block {
   Scalar* frame_y;
   Scalar* support;      // [vertices] vectors: c of support.h (methods 1, 2 and 4, sag-free)
   Scalar* length;       // [vertices]: L of the segment that ends at a vertex
+  Scalar* tension;      // [vertices] (direct lengths): T of that segment, as the last substep has found it
   Scalar* fade;         // [global_end]: w of the global shape
   Scalar* free;         // [vertices] if masked: 1 free, 0 pinned or padding
   Scalar* active;       // [vertices] if masked: 1 where the segment that ends at a vertex exists
@@ -54,6 +55,7 @@ template <class Scalar>
 struct RegionStep {
   Scalar keep_first;                     // share of the velocity kept in the frame's first substep
   Scalar keep;                           // and in the others
+  Scalar tension_first;                  // of the square of the frame's substep to that of the frame before
   Scalar gravity_h2[3];                  // [m]
   bool wind, global_shape, local_shape;  // which of them run
   bool supported;                        // by the frames of the hair
@@ -74,12 +76,13 @@ struct RegionStep {
 template <class Scalar>
 struct Workspace {
   Scalar* error;  // [vertices]: of edge lengths; direct lengths, g
-  Scalar* share;  // [vertices]: direct lengths, b / m
+  Scalar* share;  // [vertices]: direct lengths, c, then b / m
   Scalar* edge;   // [vertices] vectors: method 3, rest edges turned; direct lengths, u, then positions before the walk
   Scalar* frame_x;  // [vertices] vectors: method 4, x and y along the edges now
   Scalar* frame_y;
   Scalar* old_frame_x;  // [vertices] vectors: frames before a substep, where blocks have them
   Scalar* old_frame_y;
+  Scalar* old_tension;                // [vertices]: tension before a substep, where blocks have it
   Scalar* twist;                      // [vertices] of two numbers: method 4, from those to the frames
   bool skip_colliders, skip_resting;  // see Skip
   WorkCount work;

@@ -390,13 +390,52 @@ struct BlockStep {
     }
   }
 
+  static STRANDBAKE_INLINE Real smaller(Real a, Real b) { return select(a < b, a, b); }
+  static STRANDBAKE_INLINE Real larger(Real a, Real b) { return select(a > b, a, b); }
+
+  // direct_length.h: lets the tension act, with `scale` as there. Leaves a in its place.
+  STRANDBAKE_INLINE void apply_tension(Real scale) const {
+    const int n = block.vertices;
+    if (n < 3) return;
+    const Real* const length = reals(block.length);
+    Real* const tension = reals(block.tension);
+    Real* const share = reals(workspace.share);
+    const Real one(Scalar(1));
+    Real most(Scalar(0));
+    for (int i = 2; i < n; ++i) {
+      tension[i] = tension_pull(tension[i], scale, length[i]);
+      most = larger(tension[i], most);
+    }
+    if (!any(most > Real(Scalar(0)))) return;
+    Vec done = q[1];
+    Real ratio = one;
+    for (int i = 2; i < n; ++i) {
+      const Real above = tension[i];
+      const Real below = i + 1 < n ? tension[i + 1] : Real(Scalar(0));
+      const Real free = Masked ? reals(block.free)[i] : one;
+      const Real pull = Masked ? above * free : above;
+      const Real pull_below = Masked ? below * free : below;
+      const Real held = pull * ratio;
+      const Real inverse = tension_inverse(held, pull_below);
+      share[i] = pull_below * inverse;
+      ratio = (one + held) * inverse;
+      done = (q[i] + done * pull) * inverse;
+      q[i] = done;
+    }
+    for (int i = n - 2; i >= 2; --i) {
+      done = q[i] + done * share[i];
+      q[i] = done;
+    }
+  }
+
   // One round of direct_length.h.
-  STRANDBAKE_INLINE void solve_lengths() const {
+  STRANDBAKE_INLINE void solve_lengths(bool first) const {
     const int n = block.vertices;
     const Real* const rest_length = reals(block.length);
     Vec* const direction = vectors(workspace.edge);
     Real* const share = reals(workspace.share);
     Real* const solved = reals(workspace.error);
+    Real* const tension = reals(block.tension);
     Vec near = q[1];
     Vec before = near;  // no direction: its weight is 0
     Real inverse(Scalar(0)), solved_before(Scalar(0));
@@ -406,12 +445,13 @@ struct BlockStep {
       const Real length = segment_length(edge);
       Vec u = segment_direction(edge, length);
       Real error = length_error(length, rest_length[i]);
+      if (first) tension[i] = tension_borne(tension[i], length, rest_length[i]);
       Real diagonal = i == 2 ? Real(Scalar(1)) : Real(Scalar(2));
       if constexpr (Masked) {
         const Real active = reals(block.active)[i];
         u = u * active;
         error = error * active;
-        diagonal = reals(block.free)[i - 1] + reals(block.free)[i] + HELD_COMPLIANCE * (active - reals(block.swept)[i]);
+        diagonal = segment_diagonal(reals(block.free)[i - 1], reals(block.free)[i], active - reals(block.swept)[i]);
       }
       Real b(Scalar(0));
       if (Masked || i > 2) b = inner(before, u);
@@ -428,6 +468,7 @@ struct BlockStep {
     Vec pull = {lambda, lambda, lambda};  // of the segment after
     for (int i = n - 1; i >= 2; --i) {
       lambda = i == n - 1 ? solved[i] : solved[i] + share[i + 1] * lambda;
+      tension[i] = tension[i] + lambda;
       const Vec own = direction[i] * lambda;
       Vec move = own - pull;
       if constexpr (Masked) move = move * reals(block.free)[i];
@@ -436,8 +477,6 @@ struct BlockStep {
     }
   }
 
-  static STRANDBAKE_INLINE Real smaller(Real a, Real b) { return select(a < b, a, b); }
-  static STRANDBAKE_INLINE Real larger(Real a, Real b) { return select(a > b, a, b); }
   struct Box {
     Vec low, high;
     // NaN leaves the box as it is: it is never inside a sphere.
@@ -446,6 +485,10 @@ struct BlockStep {
       high = {larger(v.x, high.x), larger(v.y, high.y), larger(v.z, high.z)};
     }
   };
+  STRANDBAKE_INLINE bool reaches(int sphere, const Box& box) const {
+    const Real radius(now.spheres[4 * sphere + 3]);
+    return any(squared_distance_to_box(box.low, box.high, broadcast(now.spheres + 4 * sphere)) < radius * radius);
+  }
   // Spheres act one after the other, each on all vertices. The box of what each lane's strand reaches tells which
   // spheres can touch nothing.
   STRANDBAKE_INLINE void collide() const {
@@ -456,12 +499,12 @@ struct BlockStep {
     }
     workspace.work.spheres += now.sphere_count;
     for (int s = 0; s < now.sphere_count; ++s) {
-      const Vec center = broadcast(now.spheres + 4 * s);
-      const Real radius(now.spheres[4 * s + 3]);
-      if (workspace.skip_colliders && !any(squared_distance_to_box(box.low, box.high, center) < radius * radius)) {
+      if (workspace.skip_colliders && !reaches(s, box)) {
         ++workspace.work.spheres_out_of_reach;
         continue;
       }
+      const Vec center = broadcast(now.spheres + 4 * s);
+      const Real radius(now.spheres[4 * s + 3]);
       for (int i = 2; i < n; ++i) {
         if (!any(squared_distance(q[i], center) < radius * radius)) continue;
         q[i] = push_out_of_sphere(q[i], center, radius, Masked ? reals(block.free)[i] : Real(Scalar(1)));
@@ -496,16 +539,13 @@ struct BlockStep {
     Vec direction = pinned;
     Box box = {q[1], q[1]};
     for (int i = 2; i < n; ++i) {
-      unswept[i] = q[i];
+      if (now.sphere_count > 0) unswept[i] = q[i];
       q[i] = walk_to(i, q[i - 1], q[i], direction);
       if (boxed) box.add(q[i]);
     }
     workspace.work.spheres += now.sphere_count;
     bool touched = now.sphere_count > 0 && !workspace.skip_colliders;
-    for (int s = 0; s < now.sphere_count && !touched; ++s) {
-      const Real radius(now.spheres[4 * s + 3]);
-      touched = any(squared_distance_to_box(box.low, box.high, broadcast(now.spheres + 4 * s)) < radius * radius);
-    }
+    for (int s = 0; s < now.sphere_count && !touched; ++s) touched = reaches(s, box);
     if (!touched) {
       workspace.work.spheres_out_of_reach += now.sphere_count;
       return;
@@ -532,7 +572,8 @@ struct BlockStep {
     integrate_and_pull(Real(first ? region.keep_first : region.keep));
     if (region.local_shape) local_shape();
     if (region.direct_lengths) {
-      for (int round = 0; round < LENGTH_ROUNDS; ++round) solve_lengths();
+      apply_tension(Real(first ? region.tension_first : Scalar(1)));
+      for (int round = 0; round < LENGTH_ROUNDS; ++round) solve_lengths(round == 0);
       sweep_lengths();
       return;
     }
@@ -563,6 +604,7 @@ STRANDBAKE_INLINE void run_substeps(Block<typename Real::Scalar>& block,
   const bool has_frames = block.frame_x != nullptr;
   Vec* const frame_x = Step::vectors(block.frame_x);
   Vec* const frame_y = Step::vectors(block.frame_y);
+  Real* const tension = Step::reals(block.tension);
   if (block.rides) {
     Step(block, region, substeps[substep_count - 1], workspace, p, q).ride();
     return;
@@ -578,12 +620,16 @@ STRANDBAKE_INLINE void run_substeps(Block<typename Real::Scalar>& block,
         __builtin_memcpy(workspace.old_frame_x, frame_x, sizeof(Vec) * static_cast<unsigned long>(n));
         __builtin_memcpy(workspace.old_frame_y, frame_y, sizeof(Vec) * static_cast<unsigned long>(n));
       }
+      if (rest && tension != nullptr) {
+        __builtin_memcpy(workspace.old_tension, tension, sizeof(Real) * static_cast<unsigned long>(n));
+      }
       Step(block, region, substeps[s], workspace, p, q).run(s == 0);
       rest = rest && same_bits(p, q, n);
       if (rest && has_frames) {
         rest = same_bits(frame_x, Step::vectors(workspace.old_frame_x), n) &&
                same_bits(frame_y, Step::vectors(workspace.old_frame_y), n);
       }
+      if (rest && tension != nullptr) rest = same_bits(tension, Step::reals(workspace.old_tension), n);
       block.at_rest = rest;
     }
     auto* const swapped = p;

@@ -177,7 +177,7 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
 
   // A page or more apart, so that threads share no cache line.
   const std::size_t row = strands_.longest * static_cast<std::size_t>(strands_.width);
-  const std::size_t per_thread = (19 * row + 1023) / 1024 * 1024;
+  const std::size_t per_thread = (20 * row + 1023) / 1024 * 1024;
   const auto threads = static_cast<std::size_t>(options.threads);
   scratch_ = LargeArray<Scalar>(threads * per_thread);
   workspace_.resize(threads);
@@ -191,6 +191,7 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
     workspace_[t].share = base + 12 * row;
     workspace_[t].old_frame_x = base + 13 * row;
     workspace_[t].old_frame_y = base + 16 * row;
+    workspace_[t].old_tension = base + 19 * row;
     workspace_[t].skip_resting = options.skip.resting;
     workspace_[t].skip_colliders = options.skip.colliders;
   }

@@ -229,6 +229,7 @@ std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, const std::vector<bo
     take(b.frame_y, keeps_frames ? 3 * n * w : 0);
     take(b.support, frames && region.sag_free ? 3 * n * w : 0);
     take(b.length, region.edge_lengths ? n * w : 0);
+    take(b.tension, region.direct_lengths ? n * w : 0);
     take(b.fade, static_cast<std::size_t>(b.global_end) * w);
     take(b.free, b.masked ? n * w : 0);
     take(b.active, b.masked ? n * w : 0);
@@ -296,6 +297,7 @@ void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
       for (std::size_t i = 1; i < own; ++i) {
         const Vec3<Scalar> edge = rest[i] - rest[i - 1];
         store_number(b.length, i, lane, square_root(inner(edge, edge)));
+        if (b.tension != nullptr) store_number(b.tension, i, lane, 0);
       }
     }
     if (b.fade != nullptr) {
@@ -339,7 +341,9 @@ RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& pla
   // Rounded to float in both precisions: libraries differ in the last bits of pow, floats of it agree.
   const double keep = static_cast<float>(std::pow(1 - params.damping, h / kReferenceStep));
   step.keep = static_cast<Scalar>(keep);
-  step.keep_first = static_cast<Scalar>(substep_before > 0 ? keep * (h / substep_before) : keep);
+  const double longer = substep_before > 0 ? h / substep_before : 1;
+  step.keep_first = static_cast<Scalar>(keep * longer);
+  step.tension_first = static_cast<Scalar>(longer * longer);
   for (int axis = 0; axis < 3; ++axis) step.gravity_h2[axis] = static_cast<Scalar>(input.gravity[axis] * h * h);
   step.drag_h2 = static_cast<Scalar>(input.wind.empty() ? 0 : params.drag * h * h);
   const double ratio2 = (kReferenceStep / h) * (kReferenceStep / h);

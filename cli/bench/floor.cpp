@@ -61,10 +61,11 @@ Work edge_lengths() {
 }
 
 Work direct_lengths() {
-  // Reads L. A round: edge 3, length 6, direction 3, error 1, b 5, share 1, pivot 3, solved 3, lambda 2, pull 3,
-  // move 6. The walk: edge 3, direction 8, step 6.
+  // Reads L and T, writes T. T where it does not act 5, and what is added to it 4. A round: edge 3, length 6,
+  // direction 3, error 1, b 5, share 1, pivot 3, solved 3, lambda 2, pull 3, move 6. The walk: edge 3, direction 8,
+  // step 6.
   const Work round = {0, 0, 36, 2, 1};
-  return Work{1, 0, 17, 1, 1} + round.repeated(LENGTH_ROUNDS);
+  return Work{2, 1, 26, 2, 1} + round.repeated(LENGTH_ROUNDS);
 }
 
 Work sphere() {

@@ -117,13 +117,14 @@ static void hold_length(Weights weights, uint i, Real rest_length, Real3* near, 
 // Segment i in the equations of passes/direct_length.h.
 typedef struct {
   Real3 direction;
-  Real error, diagonal;
+  Real length, error, diagonal;
 } Segment;
 
 static Segment segment_of(Weights weights, uint i, Real rest_length, Real3 near, Real3 far) {
   Segment segment;
   const Real3 edge = far - near;
   const Real length = segment_length(edge);
+  segment.length = length;
   segment.direction = segment_direction(edge, length);
   segment.error = length_error(length, rest_length);
   segment.diagonal = i == 2 ? (Real)1 : (Real)2;
@@ -132,8 +133,8 @@ static Segment segment_of(Weights weights, uint i, Real rest_length, Real3 near,
     const Real active = read1(weights.active, i);
     segment.direction = segment.direction * active;
     segment.error = segment.error * active;
-    segment.diagonal = read1(weights.free, i - 1) + read1(weights.free, i) +
-                       HELD_COMPLIANCE * (active - read1(weights.swept, i));
+    segment.diagonal =
+        segment_diagonal(read1(weights.free, i - 1), read1(weights.free, i), active - read1(weights.swept, i));
   }
 #endif
   return segment;

@@ -11,6 +11,7 @@ typedef std::uint32_t uint;
 enum RegionReal {
   kKeepFirst,
   kKeep,
+  kTensionFirst,
   kGravityH2,                   // x, y, z
   kSupportH2 = kGravityH2 + 3,  // x, y, z
   kH2 = kSupportH2 + 3,
@@ -41,7 +42,7 @@ enum SubstepInt { kSphereBegin, kSphereCount, kSubstepInts };
 typedef struct {
   uint vertices, region, masked, rides, global_end;
   uint position, previous, rest, root_frame, local_edge, remainder, frame_x, frame_y, support;
-  uint length, fade, free, active, swept, elimination, wind_weight;
+  uint length, tension, fade, free, active, swept, elimination, wind_weight;
 } BlockRow;
 
 // Where the strand of a lane goes in the output.

@@ -4,15 +4,40 @@
 // `which`: the blocks to run, WIDTH work-items each.
 
 #ifdef HAS_DIRECT_LENGTHS
+// Lets the tension act, see passes/direct_length.h, and leaves a in its place. `elimination`: c of each vertex.
+static void apply_tension(Weights weights, uint n, const __global Real* rest_length, __global Real* tension, Real scale,
+                          __global Real* elimination, __global Real* q) {
+  Real3 done = read3(q, 1);
+  Real ratio = 1;
+  Real above = tension_pull(read1(tension, 2), scale, read1(rest_length, 2));
+  for (uint i = 2; i < n; ++i) {
+    const Real below = i + 1 < n ? tension_pull(read1(tension, i + 1), scale, read1(rest_length, i + 1)) : (Real)0;
+    const Real free = free_weight(weights, i);
+    const Real held = above * free * ratio;
+    const Real inverse = tension_inverse(held, below * free);
+    write1(elimination, 2 * i, below * free * inverse);
+    ratio = ((Real)1 + held) * inverse;
+    done = (read3(q, i) + done * (above * free)) * inverse;
+    write3(q, i, done);
+    write1(tension, i, above);
+    above = below;
+  }
+  for (uint i = n - 2; i >= 2; --i) {
+    done = read3(q, i) + done * read1(elimination, 2 * i);
+    write3(q, i, done);
+  }
+}
+
 // One round of passes/direct_length.h. `elimination`: b / m and g of each vertex.
-static void solve_lengths(Weights weights, uint n, const __global Real* rest_length, __global Real* elimination,
-                          __global Real* q) {
+static void solve_lengths(Weights weights, uint n, bool first, const __global Real* rest_length, __global Real* tension,
+                          __global Real* elimination, __global Real* q) {
   Real3 near = read3(q, 1);
   Real3 before = near;  // no direction: its weight is 0
   Real inverse = 0, solved = 0;
   for (uint i = 2; i < n; ++i) {
     const Real3 far = read3(q, i);
     const Segment segment = segment_of(weights, i, read1(rest_length, i), near, far);
+    if (first) write1(tension, i, tension_borne(read1(tension, i), segment.length, read1(rest_length, i)));
     const Real b = inner(before, segment.direction) * free_weight(weights, i - 1);
     const Real share = b * inverse;
     inverse = inverse_pivot(segment.diagonal, b, share);
@@ -29,6 +54,7 @@ static void solve_lengths(Weights weights, uint n, const __global Real* rest_len
     near = read3(q, i - 1);
     const Real solved_here = read1(elimination, 2 * i + 1);
     lambda = i == n - 1 ? solved_here : solved_here + read1(elimination, 2 * i + 2) * lambda;
+    write1(tension, i, read1(tension, i) + lambda);
     const Real3 own = segment_of(weights, i, (Real)0, near, far).direction * lambda;
     write3(q, i, far - (own - pull) * free_weight(weights, i));
     pull = own;
@@ -222,8 +248,13 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
 #ifdef HAS_DIRECT_LENGTHS
     if (counts[kDirectLengths]) {
       const __global Real* const length_of = state + block.length + lane;
+      __global Real* const tension = state + block.tension + lane;
+      __global Real* const elimination = state + block.elimination + lane;
+      if (n > 2) {
+        apply_tension(weights, n, length_of, tension, s == 0 ? region[kTensionFirst] : (Real)1, elimination, q);
+      }
       for (int round = 0; round < LENGTH_ROUNDS && n > 2; ++round) {
-        solve_lengths(weights, n, length_of, state + block.elimination + lane, q);
+        solve_lengths(weights, n, round == 0, length_of, tension, elimination, q);
       }
       sweep_lengths(weights, n, length_of, q, spheres_now, sphere_count);
     }

@@ -1,13 +1,14 @@
-// Algorithm 1 with a block of strands per work-group and a vertex per work-item: the paper's mapping (its section 5), for
-// methods 2 to 4; right for few or long strands. Vertices of the block lie in memory that the group shares; constraints run
-// in two batches with a barrier between them. Where a block has more vertices than work-items, an item takes every
-// `rows`-th.
+// Algorithm 1 with a block of strands per work-group and a vertex per work-item: the paper's mapping (its section 5),
+// for methods 2 to 4; right for few or long strands. Vertices of the block lie in memory that the group shares;
+// constraints run in two batches with a barrier between them. Where a block has more vertices than work-items, an item
+// takes every `rows`-th.
 //
-// This text is compiled for each METHOD in use (0: no local shape), with SHARED as __local, or as __global for strands too
-// long for it; NAME(x) tells the results apart. A barrier stands under no condition but those of loops, so that all items
-// come to it and compilers need not wonder.
-// `shared` holds rows of 3 WIDTH numbers for each of `capacity` vertices: p, q, with methods 2 and 4 x and y of the frames,
-// and one more with method 4, for the products of the scan, and where lengths are solved directly. `shared_stride`: numbers from one group's to the next's.
+// This text is compiled for each METHOD in use (0: no local shape), with SHARED as __local, or as __global for strands
+// too long for it; NAME(x) tells the results apart. A barrier stands under no condition but those of loops, so that all
+// items come to it and compilers need not wonder.
+// `shared` holds rows of 3 WIDTH numbers for each of `capacity` vertices: p, q, with methods 2 and 4 x and y of the
+// frames, and one more with method 4, for the products of the scan, and where lengths are solved directly.
+// `shared_stride`: numbers from one group's to the next's.
 
 static Real3 NAME(read_shared)(const SHARED Real* lane, uint i) {
   lane += (size_t)i * ROW;
@@ -199,7 +200,8 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1), vec_type_hint(
             Frame frame;
             frame.x = NAME(read_shared)(frame_x, i - 1);
             frame.y = NAME(read_shared)(frame_y, i - 1);
-            const Real3 d = local_shape_error(frame, read3(local_edge, i), read3(remainder, i), far - near) * half_stiffness;
+            const Real3 d =
+                local_shape_error(frame, read3(local_edge, i), read3(remainder, i), far - near) * half_stiffness;
 #endif
             part(weights, i, d, &near, &far);
             NAME(write_shared)(q, i - 1, near);
@@ -249,12 +251,43 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1), vec_type_hint(
 #ifdef HAS_DIRECT_LENGTHS
     // What runs along a strand, one item does for it; all else is done by vertex.
     const __global Real* const length_of = state + block.length + lane;
+    __global Real* const tension = state + block.tension + lane;
+    const Real tension_scale = s == 0 ? region[kTensionFirst] : (Real)1;
     const int rounds = counts[kDirectLengths] ? LENGTH_ROUNDS : 0;
+    // The tension of a segment is its item's alone.
+    for (uint i = row; i < n; i += rows) {
+      if (i < 2 || !counts[kDirectLengths]) continue;
+      NAME(write_shared)(more, i, (Real3)(tension_pull(read1(tension, i), tension_scale, read1(length_of, i))));
+    }
+    SHARED_BARRIER;
+    if (row == 0 && counts[kDirectLengths]) {
+      Real3 done = NAME(read_shared)(q, 1);
+      Real ratio = 1;
+      for (uint i = 2; i < n; ++i) {
+        const Real above = NAME(read_shared)(more, i).x;
+        const Real below = i + 1 < n ? NAME(read_shared)(more, i + 1).x : (Real)0;
+        const Real free = free_weight(weights, i);
+        const Real held = above * free * ratio;
+        const Real inverse = tension_inverse(held, below * free);
+        NAME(write_shared)(more, i, (Real3)(above, below * free * inverse, (Real)0));
+        ratio = ((Real)1 + held) * inverse;
+        done = (NAME(read_shared)(q, i) + done * (above * free)) * inverse;
+        NAME(write_shared)(q, i, done);
+      }
+      for (uint i = n - 2; i >= 2; --i) {
+        done = NAME(read_shared)(q, i) + done * NAME(read_shared)(more, i).y;
+        NAME(write_shared)(q, i, done);
+      }
+    }
+    SHARED_BARRIER;
     for (int round = 0; round < rounds; ++round) {
       for (uint i = row; i < n; i += rows) {
         if (i < 2) continue;
         const Real3 near = NAME(read_shared)(q, i - 1);
         const Segment segment = segment_of(weights, i, read1(length_of, i), near, NAME(read_shared)(q, i));
+        if (round == 0) {
+          write1(tension, i, tension_borne(NAME(read_shared)(more, i).x, segment.length, read1(length_of, i)));
+        }
         Real b = 0;
         if (i > 2) {
           b = inner(segment_of(weights, i - 1, (Real)0, NAME(read_shared)(q, i - 2), near).direction,
@@ -287,7 +320,9 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1), vec_type_hint(
         if (i < 2) continue;
         const Real3 direction =
             segment_of(weights, i, (Real)0, NAME(read_shared)(q, i - 1), NAME(read_shared)(q, i)).direction;
-        NAME(write_shared)(more, i, direction * NAME(read_shared)(more, i).x);
+        const Real lambda = NAME(read_shared)(more, i).x;
+        write1(tension, i, read1(tension, i) + lambda);
+        NAME(write_shared)(more, i, direction * lambda);
       }
       SHARED_BARRIER;
       for (uint i = row; i < n; i += rows) {

@@ -1,10 +1,26 @@
 // Direct lengths: all segments of a strand brought to their rest lengths at once.
 //
-// One round of Newton's method on C = 0, with the weights w of edge_length.h:
+// First the tension T_j [m, as h^2 force / mass] that the substep before has found acts along the directions that come
+// out of it, not along those that it finds (implicit Euler). Of it what the rounds below could not bear, as they are
+// explicit: with a_j = max(T_j / L_j - 1/8, 0),
+//
+//   P_i + w_i (a_i (P_i - P_{i-1}) - a_{i+1} (P_{i+1} - P_i)) = P*_i
+//
+// Without it hair trembles where T_j / L_j is above 3/4 or so, that is, long hair of short segments. The system is
+// tridiagonal, the same for x, y and z. Elimination from the root, with r = 1 - c,
+//
+//   m_i = 1 + w_i a_i r_{i-1} + w_i a_{i+1},   c_i = w_i a_{i+1} / m_i,   r_i = (1 + w_i a_i r_{i-1}) / m_i,
+//   D_i = (P*_i + w_i a_i D_{i-1}) / m_i,   P_i = D_i + c_i P_{i+1}
+//
+// has no difference in it, so any tension is safe; where no a is above 0 it changes no bit. The first frame has none.
+//
+// Then rounds of Newton's method on C = 0, with the weights w of edge_length.h. What they find, and what has acted
+// already, is the next T. Where hair has lost its load, the latter is much less than T was, as segments have become
+// short; where pins are too far apart they are long, and that must not add up.
 //
 //   C_j = |P_j - P_{j-1}| - L_j,   u_j = unit(P_j - P_{j-1})                                      [m]
 //   A lambda = C,   A_jj = w_{j-1} + w_j,   A_{j-1,j} = A_{j,j-1} = -w_{j-1} u_{j-1} . u_j
-//   P_j -= w_j (u_j lambda_j - u_{j+1} lambda_{j+1})
+//   P_j -= w_j (u_j lambda_j - u_{j+1} lambda_{j+1}),   T_j = a_j min(|P_j - P_{j-1}|, L_j) + sum of lambda_j
 //
 // A is tridiagonal: elimination from the root, substitution from the tip. With b_j = w_{j-1} u_{j-1} . u_j,
 //
@@ -21,7 +37,7 @@
 // which leaves every bit where lengths are what they should be. There a vertex that then lies in a sphere goes to the
 // nearest point that is on the sphere and at its length from the vertex before.
 // Source: the tridiagonal solve of Han, Harada, "Tridiagonal Matrix Formulation for Inextensible Hair Strand
-// Simulation", VRIPHYS 2013; rounds, walk, compliance and spheres: ours. Checks: tests/sim/passes_test.cpp,
+// Simulation", VRIPHYS 2013; tension, rounds, walk, compliance and spheres: ours. Checks: tests/sim/passes_test.cpp,
 // tests/sim/lengths_test.cpp.
 #pragma once
 
@@ -35,6 +51,23 @@ STRAND_MATH_BEGIN
 
 // Added to A_jj between two pinned vertices.
 #define HELD_COMPLIANCE ((Real)1e-3f)
+
+// a, from T of the substep before; `scale`: of the square of this one's length to that of it.
+STRAND_FN Real tension_pull(Real before, Real scale, Real rest_length) {
+  Real beyond = before * scale - (Real)0.125f * rest_length;
+  Real length = SELECT(rest_length > (Real)1e-15f, rest_length, (Real)1.0f);
+  return SELECT(beyond > (Real)0.0f, beyond, (Real)0.0f) / length;
+}
+
+// What has acted of T, along a segment that is so long now.
+STRAND_FN Real tension_borne(Real pull, Real length, Real rest_length) {
+  return pull * SELECT(length < rest_length, length, rest_length);
+}
+
+// 1 / m_i, from w_i a_i r_{i-1} and w_i a_{i+1}.
+STRAND_FN Real tension_inverse(Real held, Real below) {
+  return (Real)1.0f / (((Real)1.0f + below) + held);
+}
 
 // 0 for a point, which has no direction.
 STRAND_FN Real segment_length(VEC3 edge) {
@@ -62,6 +95,11 @@ STRAND_FN VEC3 at_length(VEC3 before, VEC3 far, VEC3 direction, Real rest_length
   return make_vec3(SELECT(is_far > (Real)0.0f, from_before.x, from_far.x),
                    SELECT(is_far > (Real)0.0f, from_before.y, from_far.y),
                    SELECT(is_far > (Real)0.0f, from_before.z, from_far.z));
+}
+
+// A_jj, from w_{j-1}, w_j and whether a pinned vertex ends the segment or comes after.
+STRAND_FN Real segment_diagonal(Real w_near, Real w_far, Real held) {
+  return w_near + w_far + HELD_COMPLIANCE * held;
 }
 
 // 1 / m_j, from A_jj, b_j and b_j / m_{j-1}. Padding has A_jj = 0; all else is above the bound, HELD_COMPLIANCE too.

@@ -56,4 +56,4 @@ def test_what_is_moved_by_nothing_strays_nowhere(tmp_path):
 
 @pytest.mark.parametrize("off", OFF)
 def test_an_inexact_device_strays_by_no_more_than_devices_says(tmp_path, off):
-    assert 0 < distance(tmp_path, with_inexact_math(OFF[off])) < 2e-8
+    assert 0 < distance(tmp_path, with_inexact_math(OFF[off])) < 5e-8

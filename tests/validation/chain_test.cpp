@@ -73,16 +73,31 @@ struct Chain {
 
 }  // namespace
 
+// Few enough masses that no tension acts implicitly (passes/direct_length.h): that is of first order, but in damping.
 TEST_CASE("a hanging chain swings with the frequencies of its masses, at second order in the substep") {
   for (std::size_t k = 0; k < 3; ++k) {
     std::vector<double> errors;
     for (const int substeps : {8, 16, 32}) {
-      const Chain chain(64, 0.3, k, substeps);
+      const Chain chain(48, 0.3, k, substeps);
       errors.push_back(std::abs(chain.frequency() / chain.discrete - 1));
     }
     CAPTURE(k, errors[0], errors[1], errors[2]);
     CHECK(errors[2] < 1e-4);
     CHECK(order(errors[0], errors[1]) == Approx(2).margin(0.3));
+  }
+}
+
+// Measured: 1.4e-3 with one substep, 8e-5 with four.
+TEST_CASE("where tension acts implicitly, a hanging chain swings with nearly the same frequencies") {
+  for (std::size_t k = 0; k < 3; ++k) {
+    std::vector<double> errors;
+    for (const int substeps : {1, 2, 4}) {
+      const Chain chain(64, 0.3, k, substeps);
+      errors.push_back(chain.frequency() / chain.discrete - 1);
+    }
+    CAPTURE(k, errors[0], errors[1], errors[2]);
+    CHECK(std::abs(errors[0]) < 2e-3);
+    CHECK(std::abs(errors[2]) < 1.5e-4);
   }
 }
 

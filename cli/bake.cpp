@@ -26,6 +26,7 @@
 #include "formats/cache.h"
 #include "formats/shot.h"
 #include "sim/large_array.h"
+#include "sim/lost_numbers.h"
 #include "sim/measure.h"
 #include "sim/solver.h"
 
@@ -220,6 +221,7 @@ class Bake {
         threads_(options.threads),
         velocity_(shot_.scene.cache.velocity),
         stats_(wants_stats(shot_.scene, options)),
+        skip_passes_(skip_all_but(options.no_skip).passes),
         vertex_count_(shot_.groom.vertex_count()),
         on_frame_(std::move(on_frame)) {
     for (const std::string& text : options.fail_on) limits_.push_back(parse_limit(text));
@@ -286,12 +288,7 @@ class Bake {
       solver_->read(next);
     }
     end_pending();
-    if (const auto bad = solver_->find_non_finite()) {
-      throw NonFiniteError{
-          fmt::format("frame {}: strand {}, vertex {} is no longer a finite number; more substeps or less stiffness "
-                      "may help",
-                      frame, bad->strand, bad->vertex)};
-    }
+    if (const auto bad = solver_->find_non_finite()) throw trace(frame, *bad);
     if (!needed) return;
     if (velocity_) std::swap(positions_[kBefore], positions_[kNow]);
     std::swap(positions_[kNow], positions_[kNext]);
@@ -315,7 +312,18 @@ class Bake {
   }
 
   struct NonFiniteError {
-    std::string message;
+    int frame;
+    NonFinite where;
+    std::optional<std::size_t> substep;  // from 1
+    int substeps;
+
+    std::string message() const {
+      const std::string when = substep ? fmt::format("substep {} of {}", *substep, substeps)
+                                       : fmt::format("in one of its {} substeps", substeps);
+      return fmt::format(
+          "frame {}, {}: strand {}, vertex {} is no longer a finite number; more substeps or less stiffness may help",
+          frame, when, where.strand, where.vertex);
+    }
   };
 
  private:
@@ -372,6 +380,27 @@ class Bake {
     stats.deepest_penetration = std::max(stats.deepest_penetration, found.deepest_penetration);
   }
 
+  // Which substep of `frame` it was, and which vertex then. The groom, long gone, is read again for that.
+  NonFiniteError trace(int frame, const NonFinite& bad) {
+    NonFiniteError error = {frame, bad, std::nullopt, substeps_};
+    if (substeps_ == 1) {
+      error.substep = 1;
+      return error;
+    }
+    solver_.reset();
+    Faults faults;
+    Warnings warnings;
+    const Shot again = load_shot(shot_.scene, faults, warnings, skip_passes_);
+    if (!faults.empty() || again.inputs != shot_.inputs) return error;
+    const Replay replay = {first_simulated(), frame, [&](int f) { return again.input(f); },
+                           again.head(scene().first_frame), precision_of(scene())};
+    if (const auto found = find_lost_numbers(again.groom, bad, again.plan, replay)) {
+      error.where.vertex = found->vertex;
+      error.substep = found->substep;
+    }
+    return error;
+  }
+
   void end_pending() {
     if (!pending_) return;
     writer_->end();
@@ -388,6 +417,7 @@ class Bake {
   int threads_;
   bool velocity_;
   bool stats_;  // are measured
+  bool skip_passes_;
   std::size_t vertex_count_;
   OnFrame on_frame_;
   std::vector<Limit> limits_;
@@ -499,7 +529,12 @@ int run_bake(BakeOptions options) {
       try {
         bake.advance_to(frame);
       } catch (const Bake::NonFiniteError& error) {
-        failure = {kNonFinite, fmt::format("{}; {}", error.message, left_behind(frame))};
+        nlohmann::ordered_json event = {{"event", "non_finite"}, {"frame", frame}};
+        event["substep"] = error.substep ? nlohmann::ordered_json(*error.substep) : nlohmann::ordered_json();
+        event["strand"] = error.where.strand;
+        event["vertex"] = error.where.vertex;
+        events.emit(event);
+        failure = {kNonFinite, fmt::format("{}; {}", error.message(), left_behind(frame))};
         break;
       } catch (const DeviceError& error) {
         bake.write_last();

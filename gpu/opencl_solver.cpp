@@ -770,7 +770,12 @@ void Implementation<Scalar>::find_non_finite_in(std::span<const Eigen::Vector3f>
     for (std::size_t k = 0; k < count; ++k) {
       const std::size_t vertex = (k + 2) % count;
       if (positions[offset_[strand] + vertex].allFinite()) continue;
-      non_finite_ = NonFinite{strand, vertex};
+      non_finite_ = NonFinite{strand, vertex, 0};
+      for (const Placed<Scalar>& placed : strands_->blocks) {
+        const auto first = strands_->strand_order.begin() + static_cast<std::ptrdiff_t>(placed.first);
+        if (!placed.block.masked || std::find(first, first + placed.count, strand) == first + placed.count) continue;
+        non_finite_->masked_to = static_cast<std::size_t>(placed.block.vertices);
+      }
       return;
     }
   }

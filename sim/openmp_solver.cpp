@@ -319,7 +319,8 @@ std::optional<NonFinite> OpenMPSolver<Scalar>::find_non_finite() const {
   std::optional<NonFinite> found;
   if (all_finite_) return found;
   // Free vertices first: a bad one spoils the pinned ones beside it.
-  if (!origin_.now().allFinite() && offset_.size() > 1) return NonFinite{0, 2 % static_cast<std::size_t>(offset_[1])};
+  if (!origin_.now().allFinite() && offset_.size() > 1)
+    return NonFinite{0, 2 % static_cast<std::size_t>(offset_[1]), 0};
   for (const Placed<Scalar>& placed : strands_.blocks) {
     const Scalar* const now = newest(placed);
     // Padding may spoil a block whose strands are all well.
@@ -332,7 +333,7 @@ std::optional<NonFinite> OpenMPSolver<Scalar>::find_non_finite() const {
         const std::size_t i = (k + 2) % count;
         const Scalar* row = now + strands_.row_at(i, lane);
         if (!std::isfinite(row[0]) || !std::isfinite(row[strands_.width]) || !std::isfinite(row[2 * strands_.width])) {
-          found = NonFinite{strand, i};
+          found = NonFinite{strand, i, placed.block.masked ? static_cast<std::size_t>(placed.block.vertices) : 0};
           break;
         }
       }

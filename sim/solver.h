@@ -19,6 +19,9 @@ namespace strandbake {
 struct NonFinite {
   std::size_t strand;
   std::size_t vertex;  // within the strand
+  // Vertices of the longest strand in its block, where that one is masked (sim/block.h), else 0: what an infinity does
+  // to its neighbours depends on it, unlike what a number does.
+  std::size_t masked_to;
 };
 
 class Solver {

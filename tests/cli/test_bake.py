@@ -1,5 +1,6 @@
 """bake: its options, what it says where, and what it leaves behind."""
 
+import fcntl
 import json
 import os
 import pty
@@ -345,18 +346,51 @@ def test_two_bakes_do_not_write_one_cache(shot):
 
 
 @pytest.mark.parametrize("precision", ["float", "double"])
-def test_a_bake_that_leaves_the_numbers_names_strand_vertex_and_frame(shot, precision):
+def test_a_bake_that_leaves_the_numbers_names_strand_vertex_frame_and_substep(shot, precision):
     gravity = {"float": "1e38", "double": "1e308"}[precision]
     shot.scene(f'[solver]\nprecision = "{precision}"\n[forces]\ngravity = {{2 = [0, 0, 0], 3 = [0, {gravity}, 0]}}\n')
-    run = shot.run("bake", "scene.toml", "-o", "out.h5", "--json")
+    run = shot.run("bake", "scene.toml", "-o", "out.h5", "--json", "--set", "bake.substeps=3")
     assert run.code == NON_FINITE
-    where = r"frame 3: strand \d+, vertex \d+ is no longer a finite number"
+    where = r"frame 3, substep \d of 3: strand \d+, vertex \d+ is no longer a finite number"
     assert re.fullmatch(rf"strandbake: error: {where}; .*out\.h5\.part.*\n", run.err)
-    assert events_of(run)[-1]["code"] == NON_FINITE
+    *_, found, error = events_of(run)
+    assert error["code"] == NON_FINITE
+    told = f"frame 3, substep {found['substep']} of 3: strand {found['strand']}, vertex {found['vertex']} is"
+    assert found["event"] == "non_finite" and found["frame"] == 3 and told in run.err
     assert shot.files() == ["a.hair", "out.h5.part", "scene.toml"]
     found = read(shot / "out.h5.part")
     np.testing.assert_array_equal(found["frames/number"], [1, 2])
     assert np.isfinite(found["frames/position"]).all()
+
+
+# Nothing but gravity, which is 0 up to frame 3 and g in frame 4: after k of its 4 substeps of h, what is free has fallen
+# k (k + 1) / 2 g h^2. The largest float is 3.4e38.
+@pytest.mark.parametrize("substep", [1, 2, 3, 4])
+def test_the_substep_that_leaves_the_numbers_is_the_one_that_falls_too_far(shot, substep):
+    gravity = 3.4028e38 * 1.2 / (substep * (substep + 1) / 2) * (24 * 4) ** 2
+    shot.scene("[forces]\ngravity = {3 = [0, 0, 0], 4 = [0, %r, 0]}\n" % -gravity + """
+[[region]]
+name = "hair"
+damping = 0
+local.stiffness = 0
+global.stiffness = 0
+lengths = {iterations = 0}
+""")
+    run = shot.run("bake", "scene.toml", "-o", "out.h5", "--set", "bake.substeps=4", "--set", "bake.fps=24", "--quiet")
+    assert run.code == NON_FINITE and f"frame 4, substep {substep} of 4: strand 0, vertex 2 is" in run.err
+
+
+def test_a_bake_that_leaves_the_numbers_when_its_groom_is_gone_names_the_frame(shot):
+    shot.scene("[forces]\ngravity = {199 = [0, 0, 0], 200 = [0, 1e38, 0]}\n", frames="1-300")
+    process = shot.start("bake", "scene.toml", "-o", "out.h5", "--json", "--set", "bake.substeps=2", stdout=subprocess.PIPE,
+                         stderr=subprocess.PIPE)
+    fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)  # too small for 200 frames, so the bake waits for us
+    process.stdout.readline()
+    (shot / "a.hair").unlink()
+    out, err = process.communicate(timeout=100)
+    assert process.returncode == NON_FINITE
+    assert "frame 200, in one of its 2 substeps: strand 0, vertex " in err
+    assert json.loads(out.splitlines()[-2])["substep"] is None
 
 
 STRETCHY = """[forces]

@@ -3,7 +3,6 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cerrno>
 #include <charconv>
 #include <chrono>
@@ -11,7 +10,6 @@
 #include <csignal>
 #include <functional>
 #include <memory>
-#include <mutex>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
@@ -162,6 +160,8 @@ struct NamedFigure {
 constexpr std::array kFigures = {
     NamedFigure{"stretch", "largest stretch", "", &FrameStats::largest_stretch,
                 "more substeps may help, and lengths = \"direct\" where they are iterated"},
+    NamedFigure{"residual", "largest residual", "", &FrameStats::residual,
+                "more substeps may help where the pinned vertices are not too far apart for the hair between them"},
     NamedFigure{"penetration", "deepest penetration", " m", &FrameStats::deepest_penetration,
                 "more substeps or smaller colliders may help"}};
 
@@ -172,7 +172,8 @@ struct Limit {
 
 // "stretch=0.01". Throws std::invalid_argument with a sentence that says what would do.
 Limit parse_limit(std::string_view text) {
-  constexpr const char* would_do = "write stretch=0.01 (a share of the length) or penetration=0.001 (metres)";
+  constexpr const char* would_do =
+      "write stretch=0.01 or residual=0.01 (shares of the length), or penetration=0.001 (metres)";
   const auto refuse = [&](const std::string& why) {
     throw std::invalid_argument(fmt::format("{}: {}", why, would_do));
   };
@@ -239,13 +240,10 @@ class Bake {
     solver.threads = threads_;
     solver.lanes = options.lanes;
     solver.skip = skip_all_but(options.no_skip);
+    shot_.plan.measured = stats_;
     solver_ = make_solver(backend, shot_.groom, shot_.plan, shot_.head(shot_.scene.first_frame), solver,
                           [&](const std::string& warning) { events.warning(warning); });
     made_by_ = describe_backend(backend, solver);
-    if (stats_) {
-      rest_length_ = rest_lengths(shot_.groom);
-      pinned_ = pinned_vertices(shot_.groom);
-    }
     shot_.groom = {};  // the solver has its own copy
     for (Positions& positions : positions_) {
       if (&positions != &positions_[kBefore] || velocity_) positions = Positions(vertex_count_);
@@ -273,6 +271,8 @@ class Bake {
   // for are not read.
   void advance_to(int frame) {
     const bool needed = frame >= written_.first - (velocity_ ? 1 : 0);
+    Figures figures;
+    Figures* const wanted = stats_ && frame >= written_.first ? &figures : nullptr;
     const auto next = needed ? positions(kNext) : std::span<Eigen::Vector3f>();
     if (frame > first_simulated()) {
       const FrameInput input = next_input_ ? std::move(*next_input_) : shot_.input(frame);
@@ -282,24 +282,25 @@ class Bake {
         next_input_ = shot_.input(frame + 1);
         solver_->expect(*next_input_);
       }
-      solver_->advance(input, next,
-                       pending_ ? [this](bool hair_is_left) { work(!hair_is_left); } : Solver::Alongside());
+      solver_->advance(input, next, wanted,
+                       pending_ ? [this](bool hair_is_left) { writer_->work(!hair_is_left); } : Solver::Alongside());
     } else if (needed) {
       solver_->read(next);
+      if (wanted != nullptr) figures = solver_->measure_at_start(shot_.spheres(frame));
     }
     end_pending();
     if (const auto bad = solver_->find_non_finite()) throw trace(frame, *bad);
     if (!needed) return;
     if (velocity_) std::swap(positions_[kBefore], positions_[kNow]);
     std::swap(positions_[kNow], positions_[kNext]);
-    if (frame >= written_.first) begin(frame);
+    if (frame >= written_.first) begin(frame, figures);
   }
 
   // Writes the frame of the last advance_to().
   void write_last() {
     if (!pending_) return;
 #pragma omp parallel num_threads(threads_)
-    work(true);
+    writer_->work(true);
     end_pending();
   }
 
@@ -335,13 +336,13 @@ class Bake {
     return {positions_[place].data(), vertex_count_};
   }
 
-  void begin(int frame) {
+  void begin(int frame, const Figures& figures) {
     pending_.emplace();
     pending_->number = frame;
     pending_->time = frame / scene().bake.fps;
     pending_->position = positions(kNow);
     pending_->head = shot_.head(frame);
-    pending_->stats.substeps = substeps_;
+    pending_->stats = {figures.largest_stretch, figures.residual, figures.deepest_penetration, substeps_};
     if (velocity_) {
       if (frame == first_simulated()) {
         pending_->velocity = [](std::size_t, std::span<Eigen::Vector3f> out) {
@@ -354,30 +355,7 @@ class Bake {
         };
       }
     }
-    if (stats_) spheres_ = shot_.spheres(frame);
-    measured_ = 0;
     writer_->begin(*pending_);
-  }
-
-  // One thread's part of the frame that is written.
-  void work(bool may_wait) {
-    if (stats_) measure();
-    writer_->work(may_wait);
-  }
-
-  void measure() {
-    constexpr std::size_t kAtOnce = 16384;
-    FrameStats found;
-    for (std::size_t first; (first = measured_.fetch_add(kAtOnce)) < vertex_count_;) {
-      const VertexRange range = {first, std::min(first + kAtOnce, vertex_count_)};
-      found.largest_stretch = std::max(found.largest_stretch, largest_stretch(pending_->position, rest_length_, range));
-      found.deepest_penetration =
-          std::max(found.deepest_penetration, deepest_penetration(pending_->position, pinned_, spheres_, range));
-    }
-    const std::lock_guard lock(stats_mutex_);
-    FrameStats& stats = pending_->stats;
-    stats.largest_stretch = std::max(stats.largest_stretch, found.largest_stretch);
-    stats.deepest_penetration = std::max(stats.deepest_penetration, found.deepest_penetration);
   }
 
   // Which substep of `frame` it was, and which vertex then. The groom, long gone, is read again for that.
@@ -426,14 +404,9 @@ class Bake {
   std::string made_by_;
   std::optional<FrameInput> next_input_;
   int substeps_ = 0;  // of the last advance_to()
-  std::vector<float> rest_length_;
-  std::vector<std::uint8_t> pinned_;
   std::array<Positions, 3> positions_;
   std::optional<CacheFrame> pending_;  // simulated, not yet in the file
-  std::vector<Sphere> spheres_;        // of that frame
-  std::atomic<std::size_t> measured_ = 0;
-  std::mutex stats_mutex_;
-  std::unique_ptr<Solver> solver_;  // last: a device may still write positions when a bake fails
+  std::unique_ptr<Solver> solver_;     // last: a device may still write positions when a bake fails
 };
 
 int run_bake(BakeOptions options) {
@@ -491,6 +464,7 @@ int run_bake(BakeOptions options) {
     nlohmann::ordered_json event = {{"event", "frame"}, {"frame", frame}, {"substeps", found.substeps}};
     if (stats) {
       event["largest_stretch"] = found.largest_stretch;
+      event["residual"] = found.residual;
       event["deepest_penetration"] = found.deepest_penetration;
     }
     events.emit(event);
@@ -620,7 +594,8 @@ Verb add_bake(CLI::App& app) {
       ->check(CLI::IsMember(skips));
   app.add_option("--fail-on", options->fail_on,
                  "Stop with exit code 1 where a frame that is written goes beyond this: stretch=0.01, a share of the "
-                 "length, or penetration=0.001, in metres. May be given more than once")
+                 "length, residual=0.01, the same between pinned vertices, or penetration=0.001, in metres. May be "
+                 "given more than once")
       ->type_name("FIGURE=MOST")
       ->take_all()
       ->expected(1)

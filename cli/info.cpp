@@ -27,7 +27,7 @@ struct Most {
 int run_info(const std::filesystem::path& path, bool json) {
   const CacheReader cache(path);
   const CacheHeader& header = cache.header();
-  Most<double> stretch, penetration;
+  Most<double> stretch, residual, penetration;
   Most<int> substeps;
   int least_substeps = std::numeric_limits<int>::max();
   std::int64_t all_substeps = 0;
@@ -38,6 +38,7 @@ int run_info(const std::filesystem::path& path, bool json) {
     has_stats = true;
     const int frame = cache.frame_number(f);
     stretch.add(stats->largest_stretch, frame);
+    residual.add(stats->residual, frame);
     penetration.add(stats->deepest_penetration, frame);
     substeps.add(stats->substeps, frame);
     all_substeps += stats->substeps;
@@ -71,6 +72,7 @@ int run_info(const std::filesystem::path& path, bool json) {
     for (const auto& [name, sha256] : header.inputs) out["inputs"].push_back({{"name", name}, {"sha256", sha256}});
     if (has_stats) {
       out["largest_stretch"] = {{"value", stretch.value}, {"frame", stretch.frame}};
+      out["residual"] = {{"value", residual.value}, {"frame", residual.frame}};
       out["deepest_penetration"] = {{"value", penetration.value}, {"frame", penetration.frame}};
       out["substeps"] = {
           {"least", least_substeps}, {"most", substeps.value}, {"frame", substeps.frame}, {"total", all_substeps}};
@@ -98,6 +100,9 @@ int run_info(const std::filesystem::path& path, bool json) {
   line("velocities", cache.has_velocity() ? "yes" : "no");
   if (has_stats) {
     line("stretch", fmt::format("{:.3g} % at most, in frame {}", 100 * stretch.value, stretch.frame));
+    if (residual.value > 0)
+      line("residual",
+           fmt::format("{:.3g} % at most between pinned vertices, in frame {}", 100 * residual.value, residual.frame));
     line("penetration", penetration.value > 0
                             ? fmt::format("{:.3g} m at most, in frame {}", penetration.value, penetration.frame)
                             : "none");

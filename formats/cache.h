@@ -41,7 +41,8 @@ struct CacheHeader {
 };
 
 struct FrameStats {
-  float largest_stretch = 0;      // max over edges of |length / rest length - 1|
+  float largest_stretch = 0;      // max over segments of |length / rest length - 1|
+  float residual = 0;             // the same over segments that pinned vertices hold at both ends
   float deepest_penetration = 0;  // [m], max over free vertices and spheres, 0 where none is inside
   std::int32_t substeps = 0;      // that led to the frame, 0 for the one that hair starts in
 };

@@ -288,7 +288,7 @@ struct CacheReader::Impl {
   std::vector<std::int32_t> number;
   std::vector<double> time;
   std::vector<Eigen::Matrix<double, 4, 4, Eigen::RowMajor>> head;
-  std::vector<float> stretch, penetration;
+  std::vector<float> stretch, residual, penetration;
   std::vector<std::int32_t> substeps;
   Dataset position, velocity;
 
@@ -408,13 +408,15 @@ struct CacheReader::Impl {
     }
     options.stats = has(file, "/stats");
     Dataset stretches;
+    Dataset residuals;
     Dataset penetrations;
     Dataset substep_counts;
     if (options.stats) {
       stretches = open_frames("/stats/largest_stretch", {}, H5T_IEEE_F32LE);
+      residuals = open_frames("/stats/residual", {}, H5T_IEEE_F32LE);
       penetrations = open_frames("/stats/deepest_penetration", {}, H5T_IEEE_F32LE);
       substep_counts = open_frames("/stats/substeps", {}, H5T_STD_I32LE);
-      counts.insert(counts.end(), {stretches.dims[0], penetrations.dims[0], substep_counts.dims[0]});
+      counts.insert(counts.end(), {stretches.dims[0], residuals.dims[0], penetrations.dims[0], substep_counts.dims[0]});
     }
     const auto [fewest, most] = std::ranges::minmax(counts);
     complete = read_attribute<std::uint8_t>(file, "complete", H5T_STD_U8LE) != 0;
@@ -427,6 +429,7 @@ struct CacheReader::Impl {
     read_first_frames(heads, head);
     if (options.stats) {
       read_first_frames(stretches, stretch);
+      read_first_frames(residuals, residual);
       read_first_frames(penetrations, penetration);
       read_first_frames(substep_counts, substeps);
     }
@@ -512,7 +515,7 @@ Eigen::Isometry3d CacheReader::head(std::size_t index) const {
 std::optional<FrameStats> CacheReader::stats(std::size_t index) const {
   impl_->check(index);
   if (!impl_->options.stats) return std::nullopt;
-  return FrameStats{impl_->stretch[index], impl_->penetration[index], impl_->substeps[index]};
+  return FrameStats{impl_->stretch[index], impl_->residual[index], impl_->penetration[index], impl_->substeps[index]};
 }
 
 void CacheReader::read_position(std::size_t index, std::span<Eigen::Vector3f> out) const {

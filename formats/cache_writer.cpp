@@ -358,7 +358,7 @@ struct CacheWriter::Impl {
   ChunkQueue queue;
   CommitFile disk;
   Hdf5File file;
-  Hdf5Dataset position, velocity, head, time, number, stretch, penetration, substeps;
+  Hdf5Dataset position, velocity, head, time, number, stretch, residual, penetration, substeps;
   hsize_t frames = 0;
   const CacheFrame* begun = nullptr;
   std::string failure;  // why nothing more can be written
@@ -417,6 +417,7 @@ struct CacheWriter::Impl {
     if (options.stats) {
       const Hdf5Group stats = make_group(file, "stats");
       stretch = make_dataset(stats, "largest_stretch", H5T_IEEE_F32LE, {0}, {kSmallChunkFrames}, 0, true);
+      residual = make_dataset(stats, "residual", H5T_IEEE_F32LE, {0}, {kSmallChunkFrames}, 0, true);
       penetration = make_dataset(stats, "deepest_penetration", H5T_IEEE_F32LE, {0}, {kSmallChunkFrames}, 0, true);
       substeps = make_dataset(stats, "substeps", H5T_STD_I32LE, {0}, {kSmallChunkFrames}, 0, true);
     }
@@ -500,6 +501,7 @@ struct CacheWriter::Impl {
     write_chunks();
     if (options.stats) {
       append_small(stretch, H5T_NATIVE_FLOAT, &frame.stats.largest_stretch);
+      append_small(residual, H5T_NATIVE_FLOAT, &frame.stats.residual);
       append_small(penetration, H5T_NATIVE_FLOAT, &frame.stats.deepest_penetration);
       append_small(substeps, H5T_NATIVE_INT32, &frame.stats.substeps);
     }
@@ -512,7 +514,8 @@ struct CacheWriter::Impl {
   }
 
   void close_file() {
-    for (Hdf5Dataset* dataset : {&position, &velocity, &head, &time, &number, &stretch, &penetration, &substeps})
+    for (Hdf5Dataset* dataset :
+         {&position, &velocity, &head, &time, &number, &stretch, &residual, &penetration, &substeps})
       dataset->close();
     require(file.close());
     disk.sync();

@@ -169,7 +169,7 @@ void fields(V& v, CacheParams& p) {
   v("compression", p.compression, any_text(), "", "\"none\", or \"deflate:N\" with N from 1, fast, to 12, small.");
   v("velocity", p.velocity, Switch{}, "", "Also write velocities.");
   v("stats", p.stats, Switch{}, "",
-    "Also write the largest stretch, the deepest penetration and the number of substeps of each frame.");
+    "Also write the largest stretch, the residual, the deepest penetration and the number of substeps of each frame.");
 }
 
 struct RegionScene {

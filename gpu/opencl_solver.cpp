@@ -73,7 +73,9 @@ class Implementation final : public OpenCLSolver {
   }
 
   using Solver::advance;
-  void advance(const FrameInput& input, std::span<Eigen::Vector3f> out, const Alongside& alongside) override;
+  void advance(const FrameInput& input, std::span<Eigen::Vector3f> out, Figures* figures,
+               const Alongside& alongside) override;
+  Figures measure_at_start(std::span<const Sphere> spheres) override;
   void expect(const FrameInput& next) override { expected_ = next; }
   void read(std::span<Eigen::Vector3f> out) const override { read_as(out); }
   void read(std::span<Eigen::Vector3d> out) const override { read_as(out); }
@@ -119,10 +121,13 @@ class Implementation final : public OpenCLSolver {
   void start(const FrameInput& input);
   void simulate(const Batch& batch, cl_mem state, cl_uint substeps);
   void gather(const Batch& batch, cl_mem state, cl_uint swapped) const;
+  void measure(const Batch& batch, cl_mem state, cl_uint swapped) const;
+  void clear_figures() const;
+  Figures found_figures() const;
   void run_batches(cl_uint substeps);
   template <class Out>
   void read_as(std::span<Out> out) const;
-  void run_frame(const FrameInput& input, std::span<Eigen::Vector3f> out, const Alongside& alongside);
+  void run_frame(const FrameInput& input, std::span<Eigen::Vector3f> out, Figures* figures, const Alongside& alongside);
   void take_landed(std::span<Eigen::Vector3f> out) const;
   void find_non_finite_in(std::span<const Eigen::Vector3f> positions);
   void count_kernel_time();
@@ -142,9 +147,9 @@ class Implementation final : public OpenCLSolver {
   // In the order in which they have to go: queues and kernels before buffers, all before the context.
   Context context_;
   Buffer region_reals_, region_ints_, substep_reals_, substep_ints_, spheres_, scratch_, streamed_state_;
-  Buffer positions_, not_finite_, landing_;
+  Buffer positions_, not_finite_, figures_, landing_;
   Program program_;
-  Kernel advance_strands_, gather_;
+  Kernel advance_strands_, gather_, measure_;
   std::map<std::pair<Launch::Kind, int>, Kernel> advance_vertices_;
   std::vector<Batch> batches_;
   Queue compute_, transfer_;
@@ -158,7 +163,10 @@ class Implementation final : public OpenCLSolver {
   std::optional<FrameInput> expected_;
   bool started_ = false;             // the device is at work on the frame that the next advance() will ask for
   std::exception_ptr next_failure_;  // why it could not begin
+  cl_uint sphere_begin_ = 0, sphere_count_ = 0;  // of the last substep, in spheres_
+  bool measuring_ = false;                       // the frame that batches take turns for
   cl_uint found_not_finite_ = 0;
+  cl_float found_[3] = {};  // of measure.cl
   std::optional<NonFinite> non_finite_;
   double kernel_seconds_ = 0;
   OpenCLReport report_;
@@ -243,6 +251,7 @@ std::string Implementation<Scalar>::build_options(bool any_masked, bool any_ride
   define(any([](const RegionPlan& r) { return r.edge_lengths && !r.direct_lengths; }), "HAS_EDGE_LENGTHS");
   define(any_direct_lengths(), "HAS_DIRECT_LENGTHS");
   define(plan_.colliders, "HAS_SPHERES");
+  define(plan_.measured, "HAS_FIGURES");
   int method = 0;  // that all regions with a strand per work-item agree on, -1: they do not
   for (std::size_t r = 0; r < plan_.regions.size(); ++r) {
     const RegionPlan& region = plan_.regions[r];
@@ -319,6 +328,7 @@ void Implementation<Scalar>::make_batch(Batch& batch, const Groom& groom) {
     BlockRow row{};
     row.vertices = static_cast<uint>(block.vertices);
     row.region = placed.region;
+    row.simulated = plan_.regions[placed.region].simulated;
     row.masked = block.masked;
     row.rides = block.rides;
     row.global_end = static_cast<uint>(block.global_end);
@@ -445,6 +455,7 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
     advance_vertices_[{kind, method}] = kernel(name.c_str());
   }
   gather_ = kernel("gather");
+  if (plan_.measured) measure_ = kernel("measure");
 
   if (largest_block_bytes() > std::min(device_.largest_buffer, kMostBytes)) {
     throw DeviceError("strands of " + std::to_string(strands_->longest) +
@@ -454,6 +465,7 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
   positions_ = make_buffer(sizeof(Eigen::Vector3f) * groom.vertex_count(), nullptr);
   const cl_uint none = 0;
   not_finite_ = make_buffer(sizeof none, &none);
+  figures_ = make_buffer(sizeof found_, nullptr);
   // All hair on the device if it fits, else in batches that take turns there, and smaller ones until all fits. Devices
   // may reserve memory late, so that only trying tells.
   std::uint64_t budget = options.memory > 0 ? options.memory : device_.memory;
@@ -579,6 +591,53 @@ void Implementation<Scalar>::gather(const Batch& batch, cl_mem state, cl_uint sw
       "run a kernel");
 }
 
+template <class Scalar>
+void Implementation<Scalar>::clear_figures() const {
+  static constexpr cl_float kNone[std::size(decltype(found_){})] = {};
+  check_opencl(
+      cl_.EnqueueWriteBuffer(compute_.get(), figures_.get(), CL_FALSE, 0, sizeof kNone, kNone, 0, nullptr, nullptr),
+      "take data");
+}
+
+template <class Scalar>
+void Implementation<Scalar>::measure(const Batch& batch, cl_mem state, cl_uint swapped) const {
+  set(measure_, state, batch.blocks.get(), batch.targets.get(), swapped, spheres_.get(), sphere_begin_, sphere_count_,
+      figures_.get());
+  const std::size_t global[] = {batch.block_count * static_cast<std::size_t>(strands_->width), 8};
+  check_opencl(
+      cl_.EnqueueNDRangeKernel(compute_.get(), measure_.get(), 2, nullptr, global, nullptr, 0, nullptr, nullptr),
+      "run a kernel");
+}
+
+template <class Scalar>
+Figures Implementation<Scalar>::found_figures() const {
+  return {found_[0], found_[1], found_[2]};
+}
+
+template <class Scalar>
+Figures Implementation<Scalar>::measure_at_start(std::span<const Sphere> spheres) {
+  check_measured(plan_);
+  std::vector<Scalar> numbers;
+  append_spheres<Scalar>(spheres, origin_->now(), numbers);
+  spheres_ = make_buffer(numbers.size() * sizeof(Scalar), numbers.data(), CL_MEM_READ_ONLY);
+  sphere_begin_ = 0;
+  sphere_count_ = static_cast<cl_uint>(spheres.size());
+  clear_figures();
+  for (const Batch& batch : batches_) {
+    cl_mem const state = report_.streamed ? streamed_state_.get() : batch.state.get();
+    if (report_.streamed) {
+      check_opencl(cl_.EnqueueWriteBuffer(compute_.get(), state, CL_FALSE, 0, batch.numbers * sizeof(Scalar),
+                                          host_state_.data() + batch.first_number, 0, nullptr, nullptr),
+                   "take data");
+    }
+    measure(batch, state, swapped_);
+  }
+  check_opencl(
+      cl_.EnqueueReadBuffer(compute_.get(), figures_.get(), CL_TRUE, 0, sizeof found_, found_, 0, nullptr, nullptr),
+      "hand back data");
+  return found_figures();
+}
+
 // Hands a frame's input to the device and lets it begin.
 template <class Scalar>
 void Implementation<Scalar>::start(const FrameInput& input) {
@@ -631,6 +690,8 @@ void Implementation<Scalar>::start(const FrameInput& input) {
   renew(substep_reals_, substep_reals);
   renew(substep_ints_, substep_ints);
   renew(spheres_, steps.spheres);
+  sphere_begin_ = static_cast<cl_uint>(substep_ints.end()[-2]);
+  sphere_count_ = static_cast<cl_uint>(substep_ints.end()[-1]);
 
   run_batches(static_cast<cl_uint>(steps.substeps.size()));
   substep_before_ = input.substep;
@@ -654,6 +715,7 @@ void Implementation<Scalar>::run_batches(cl_uint substeps) {
     check_opencl(cl_.EnqueueReadBuffer(compute_.get(), state, CL_FALSE, 0, bytes, home, 0, nullptr, nullptr),
                  "hand back data");
     gather(batch, state, ends_swapped);
+    if (measuring_) measure(batch, state, ends_swapped);
   }
   swapped_ = ends_swapped;
   check_opencl(cl_.Flush(compute_.get()), "start");
@@ -673,13 +735,14 @@ void Implementation<Scalar>::count_kernel_time() {
 }
 
 template <class Scalar>
-void Implementation<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vector3f> out,
+void Implementation<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vector3f> out, Figures* figures,
                                      const Alongside& alongside) {
   if (!out.empty() && out.size() != offset_.back()) {
     throw std::invalid_argument("positions are asked for in a place that does not hold one for each vertex");
   }
+  if (figures != nullptr) check_measured(plan_);
   try {
-    run_frame(input, out, alongside);
+    run_frame(input, out, figures, alongside);
   } catch (...) {
     // Nothing may be written to `out` any more, which goes away now.
     cl_.Finish(compute_.get());
@@ -689,14 +752,24 @@ void Implementation<Scalar>::advance(const FrameInput& input, std::span<Eigen::V
 }
 
 template <class Scalar>
-void Implementation<Scalar>::run_frame(const FrameInput& input, std::span<Eigen::Vector3f> out,
+void Implementation<Scalar>::run_frame(const FrameInput& input, std::span<Eigen::Vector3f> out, Figures* figures,
                                        const Alongside& alongside) {
   if (next_failure_) std::rethrow_exception(std::exchange(next_failure_, nullptr));
+  measuring_ = figures != nullptr;
+  if (measuring_) clear_figures();
   if (!started_) start(input);
   started_ = false;
   std::swap(events_, finishing_);
   if (!report_.streamed) {
-    for (const Batch& batch : batches_) gather(batch, batch.state.get(), swapped_);
+    for (const Batch& batch : batches_) {
+      gather(batch, batch.state.get(), swapped_);
+      if (measuring_) measure(batch, batch.state.get(), swapped_);
+    }
+  }
+  if (measuring_) {
+    check_opencl(
+        cl_.EnqueueReadBuffer(compute_.get(), figures_.get(), CL_FALSE, 0, sizeof found_, found_, 0, nullptr, nullptr),
+        "hand back data");
   }
   // The flag is read by the queue that computes, so it tells when positions are ready for the other one.
   cl_event event = nullptr;
@@ -738,6 +811,7 @@ void Implementation<Scalar>::run_frame(const FrameInput& input, std::span<Eigen:
   cl_event const waited[] = {ready.get(), here.get()};
   check_opencl(cl_.WaitForEvents(here ? 2 : 1, waited), "finish a frame");
   if (here) take_landed(out);
+  if (figures != nullptr) *figures = found_figures();
   count_kernel_time();
   if (found_not_finite_ != 0) {
     std::vector<Eigen::Vector3f> positions;

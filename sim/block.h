@@ -27,12 +27,12 @@ struct Block {
   Scalar* frame_x;     // [vertices] vectors: frames of the last iteration (method 2; method 4, sag-free)
   Scalar* frame_y;
   Scalar* support;      // [vertices] vectors: c of support.h (methods 1, 2 and 4, sag-free)
-  Scalar* length;       // [vertices]: L of the segment that ends at a vertex
+  Scalar* length;       // [vertices]: L of the segment that ends at a vertex (where held or measured)
   Scalar* tension;      // [vertices] (direct lengths): T of that segment, as the last substep has found it
   Scalar* fade;         // [global_end]: w of the global shape
   Scalar* free;         // [vertices] if masked: 1 free, 0 pinned or padding
   Scalar* active;       // [vertices] if masked: 1 where the segment that ends at a vertex exists
-  Scalar* swept;        // [vertices] if masked (direct lengths): 1 where no pinned vertex ends it or comes after
+  Scalar* swept;        // [vertices] if masked (direct or measured): 1 where no pinned vertex ends it or comes after
   Scalar* elimination;  // [vertices] of two numbers, where asked for: direct lengths, what a substep works out
   Scalar* wind_weight;  // [4]: blend of the four gusts
   bool at_rest;         // the last substep changed not a bit, and neither would another with the same input

@@ -2,132 +2,126 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "sim/lanes.h"
 #include "sim/passes/collide.h"
+#include "sim/passes/length_ratio.h"
 #include "sim/passes/strand_math.h"
 
 namespace strandbake {
 namespace {
 
-constexpr float kShortest = 1e-5f;  // [m], see largest_stretch()
-
-// Four vertices in a row.
-using Four = Lanes<float, 4>;
-using Points = Vec3<Four>;
-
-Four numbers_at(const float* numbers) {
-  typedef float Loaded __attribute__((vector_size(16), aligned(4), may_alias));
-  return Four(Four::Vector(*reinterpret_cast<const Loaded*>(numbers)));
-}
-
-Points points_at(const Eigen::Vector3f* points) {
-  const Four::Vector a = numbers_at(points->data()).v;                // x0 y0 z0 x1
-  const Four::Vector b = numbers_at(points->data() + 4).v;            // y1 z1 x2 y2
-  const Four::Vector c = numbers_at(points->data() + 8).v;            // z2 x3 y3 z3
-  const Four::Vector xy = __builtin_shufflevector(b, c, 2, 5, 3, 6);  // x2 x3 y2 y3
-  const Four::Vector yz = __builtin_shufflevector(a, b, 1, 4, 2, 5);  // y0 y1 z0 z1
-  return {Four(__builtin_shufflevector(a, xy, 0, 3, 4, 5)), Four(__builtin_shufflevector(yz, xy, 0, 1, 6, 7)),
-          Four(__builtin_shufflevector(yz, c, 2, 3, 4, 7))};
-}
-
-Vec3<float> point_at(const Eigen::Vector3f& p) {
-  return {p.x(), p.y(), p.z()};
-}
-
-Four smaller(Four a, Four b) {
+template <class Real>
+Real smaller(Real a, Real b) {
   return select(a < b, a, b);
 }
-Four larger(Four a, Four b) {
+template <class Real>
+Real larger(Real a, Real b) {
   return select(a > b, a, b);
 }
 
+// Least and most of (length / rest length)^2.
+template <class Real>
+struct Lengths {
+  Real least = 1, most = 1;
+
+  void add(Real ratio2) {
+    least = smaller(ratio2, least);
+    most = larger(ratio2, most);
+  }
+  float largest_error() const {
+    float largest = 0;
+    for (int lane = 0; lane < Real::width; ++lane) {
+      largest = std::max(largest, static_cast<float>(1 - std::sqrt(least.v[lane])));
+      largest = std::max(largest, static_cast<float>(std::sqrt(most.v[lane]) - 1));
+    }
+    return largest;
+  }
+};
+
+// As many strands of a block as a vector holds on every machine.
+template <class Scalar>
+struct Strands {
+  using Real = Lanes<Scalar, 16 / sizeof(Scalar)>;
+  using Vec = Vec3<Real>;
+
+  const Block<Scalar>& block;
+  const Scalar* now;
+  std::size_t width;
+  std::size_t lane;
+
+  Real number(const Scalar* array, int i) const { return row(array, static_cast<std::size_t>(i)); }
+  Vec position(int i) const {
+    const std::size_t first = 3 * static_cast<std::size_t>(i);
+    return {row(now, first), row(now, first + 1), row(now, first + 2)};
+  }
+
+  void measure_lengths(Figures& found) const {
+    Lengths<Real> all, held;
+    Vec before = position(0);
+    for (int i = 1; i < block.vertices; ++i) {
+      const Vec here = position(i);
+      const Real ratio2 = squared_length_ratio(here - before, number(block.length, i));
+      all.add(ratio2);
+      if (block.masked && i >= 2) held.add(select(number(block.swept, i) > Real(0), Real(1), ratio2));
+      before = here;
+    }
+    found.largest_stretch = std::max(found.largest_stretch, all.largest_error());
+    found.residual = std::max(found.residual, held.largest_error());
+  }
+
+  void measure_depth(const Scalar* spheres, int sphere_count, Figures& found) const {
+    if (sphere_count == 0 || block.vertices < 3) return;
+    Vec low = position(2), high = low;
+    for (int i = 3; i < block.vertices; ++i) {
+      const Vec here = position(i);
+      low = {smaller(here.x, low.x), smaller(here.y, low.y), smaller(here.z, low.z)};
+      high = {larger(here.x, high.x), larger(here.y, high.y), larger(here.z, high.z)};
+    }
+    for (int s = 0; s < sphere_count; ++s, spheres += 4) {
+      const Vec center = {Real(spheres[0]), Real(spheres[1]), Real(spheres[2])};
+      const Real radius2(spheres[3] * spheres[3]);
+      if (!any(squared_distance_to_box(low, high, center) < radius2)) continue;
+      Real nearest = radius2;
+      for (int i = 2; i < block.vertices; ++i) {
+        Real distance2 = squared_distance(position(i), center);
+        if (block.masked) distance2 = select(number(block.free, i) > Real(0), distance2, radius2);
+        nearest = smaller(distance2, nearest);
+      }
+      for (int k = 0; k < Real::width; ++k) {
+        const auto depth = static_cast<float>(spheres[3] - std::sqrt(nearest.v[k]));
+        found.deepest_penetration = std::max(found.deepest_penetration, depth);
+      }
+    }
+  }
+
+ private:
+  Real row(const Scalar* array, std::size_t row) const {
+    return *reinterpret_cast<const Real*>(array + row * width + lane);
+  }
+};
+
 }  // namespace
 
-std::vector<float> rest_lengths(const Groom& groom) {
-  std::vector<float> length(groom.vertex_count(), 0.0f);
-  for (std::size_t strand = 0; strand < groom.strand_count(); ++strand) {
-    for (std::size_t v = groom.offset[strand] + 1; v < groom.offset[strand + 1]; ++v) {
-      length[v] = static_cast<float>((groom.position[v] - groom.position[v - 1]).norm());
-    }
-  }
-  return length;
+void Figures::include(const Figures& other) {
+  largest_stretch = std::max(largest_stretch, other.largest_stretch);
+  residual = std::max(residual, other.residual);
+  deepest_penetration = std::max(deepest_penetration, other.deepest_penetration);
 }
 
-float largest_stretch(std::span<const Eigen::Vector3f> position, std::span<const float> rest_length,
-                      VertexRange range) {
-  // Of (length / rest length)^2, so that a root is drawn twice in all and not once a segment.
-  float least = 1, most = 1;
-  Four least_four(1.0f), most_four(1.0f);
-  std::size_t v = std::max<std::size_t>(range.first, 1);
-  for (; v + 4 <= range.last; v += 4) {
-    const Points edge = points_at(&position[v]) - points_at(&position[v - 1]);
-    const Four rest = numbers_at(&rest_length[v]);
-    const Four ratio2 = select(rest < Four(kShortest), Four(1.0f), inner(edge, edge) / (rest * rest));
-    least_four = select(ratio2 < least_four, ratio2, least_four);
-    most_four = select(ratio2 > most_four, ratio2, most_four);
+template <class Scalar>
+Figures measure_block(const Block<Scalar>& block, const Scalar* now, int width, const Scalar* spheres,
+                      int sphere_count) {
+  Figures found;
+  for (int lane = 0; lane < width; lane += Strands<Scalar>::Real::width) {
+    const Strands<Scalar> strands = {block, now, static_cast<std::size_t>(width), static_cast<std::size_t>(lane)};
+    strands.measure_lengths(found);
+    strands.measure_depth(spheres, sphere_count, found);
   }
-  for (; v < range.last; ++v) {
-    const float rest = rest_length[v];
-    if (rest < kShortest) continue;
-    const Vec3<float> edge = point_at(position[v]) - point_at(position[v - 1]);
-    const float ratio2 = inner(edge, edge) / (rest * rest);
-    least = std::min(least, ratio2);
-    most = std::max(most, ratio2);
-  }
-  for (int lane = 0; lane < 4; ++lane) {
-    least = std::min(least, least_four.v[lane]);
-    most = std::max(most, most_four.v[lane]);
-  }
-  return std::max(1 - std::sqrt(least), std::sqrt(most) - 1);
+  return found;
 }
-
-float deepest_penetration(std::span<const Eigen::Vector3f> position, std::span<const std::uint8_t> pinned,
-                          std::span<const Sphere> spheres, VertexRange range) {
-  constexpr std::size_t kAtOnce = 64;  // vertices that share a box
-  constexpr float kFar = std::numeric_limits<float>::infinity();
-  float deepest = 0;
-  for (std::size_t first = range.first; first < range.last && !spheres.empty(); first += kAtOnce) {
-    const std::size_t last = std::min(first + kAtOnce, range.last);
-    // The free vertices, four by four, filled up with others far away.
-    Points points[kAtOnce / 4];
-    Points low = {kFar, kFar, kFar}, high = {-kFar, -kFar, -kFar};
-    std::size_t fours = 0;
-    for (std::size_t v = first; v < last; v += 4, ++fours) {
-      Points& p = points[fours];
-      Four::Mask is_free{};
-      if (v + 4 <= last) {
-        p = points_at(&position[v]);
-        is_free.v = Four::Mask::Masks{pinned[v], pinned[v + 1], pinned[v + 2], pinned[v + 3]} == 0;
-      } else {
-        p = {0.0f, 0.0f, 0.0f};
-        for (int k = 0; v + static_cast<std::size_t>(k) < last; ++k) {
-          const std::size_t at = v + static_cast<std::size_t>(k);
-          p.x.v[k] = position[at].x();
-          p.y.v[k] = position[at].y();
-          p.z.v[k] = position[at].z();
-          is_free.v[k] = pinned[at] ? 0 : -1;
-        }
-      }
-      low = {smaller(low.x, select(is_free, p.x, kFar)), smaller(low.y, select(is_free, p.y, kFar)),
-             smaller(low.z, select(is_free, p.z, kFar))};
-      high = {larger(high.x, select(is_free, p.x, -kFar)), larger(high.y, select(is_free, p.y, -kFar)),
-              larger(high.z, select(is_free, p.z, -kFar))};
-      p.x = select(is_free, p.x, kFar);
-    }
-    for (const Sphere& sphere : spheres) {
-      const Vec3<float> c = point_at(sphere.center.cast<float>());
-      const Points center = {c.x, c.y, c.z};
-      const auto radius = static_cast<float>(sphere.radius);
-      if (!any(squared_distance_to_box(low, high, center) < Four(radius * radius))) continue;
-      Four nearest(kFar);
-      for (std::size_t k = 0; k < fours; ++k) nearest = smaller(squared_distance(points[k], center), nearest);
-      for (int lane = 0; lane < 4; ++lane) deepest = std::max(deepest, radius - std::sqrt(nearest.v[lane]));
-    }
-  }
-  return deepest;
-}
+template Figures measure_block(const Block<float>&, const float*, int, const float*, int);
+template Figures measure_block(const Block<double>&, const double*, int, const double*, int);
 
 std::vector<std::uint8_t> pinned_vertices(const Groom& groom) {
   std::vector<std::uint8_t> pinned = groom.pinned;

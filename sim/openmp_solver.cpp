@@ -109,7 +109,9 @@ class OpenMPSolver final : public Solver {
   OpenMPSolver(const Groom& groom, const Plan& plan, const Eigen::Isometry3d& head, const SolverOptions& options);
 
   using Solver::advance;
-  void advance(const FrameInput& input, std::span<Eigen::Vector3f> out, const Alongside& alongside) override;
+  void advance(const FrameInput& input, std::span<Eigen::Vector3f> out, Figures* figures,
+               const Alongside& alongside) override;
+  Figures measure_at_start(std::span<const Sphere> spheres) override;
   void read(std::span<Eigen::Vector3f> out) const override { read_as(out); }
   void read(std::span<Eigen::Vector3d> out) const override { read_as(out); }
   std::optional<NonFinite> find_non_finite() const override;
@@ -118,6 +120,7 @@ class OpenMPSolver final : public Solver {
 
  private:
   void mark_repeats(std::vector<RegionStep<Scalar>>& regions, std::vector<Substep<Scalar>>& substeps);
+  Figures measured(const Placed<Scalar>& placed, const Scalar* now, const Scalar* spheres, int sphere_count) const;
   template <class Out>
   void read_as(std::span<Out> out) const;
   template <class Out>
@@ -224,9 +227,10 @@ void OpenMPSolver<Scalar>::mark_repeats(std::vector<RegionStep<Scalar>>& regions
 }
 
 template <class Scalar>
-void OpenMPSolver<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vector3f> out,
+void OpenMPSolver<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vector3f> out, Figures* figures,
                                    const Alongside& alongside) {
   check_against_plan(plan_, input);
+  if (figures != nullptr) check_measured(plan_);
   if (!out.empty() && out.size() != offset_.back()) {
     throw std::invalid_argument("positions are asked for in a place that does not hold one for each vertex");
   }
@@ -243,10 +247,12 @@ void OpenMPSolver<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vec
   const bool ends_swapped = swapped_ != (count % 2 == 1);
   const auto block_count = static_cast<std::ptrdiff_t>(strands_.blocks.size());
   std::atomic<bool> finite = true;
+  if (figures != nullptr) *figures = {};
   FirstException failure;
 #pragma omp parallel num_threads(options_.threads)
   {
     if (alongside) failure.guard([&] { alongside(true); });
+    Figures own;
     Workspace<Scalar>& workspace = workspace_[static_cast<std::size_t>(omp_get_thread_num())];
 #pragma omp for schedule(dynamic, 8) nowait
     for (std::ptrdiff_t b = 0; b < block_count; ++b) {
@@ -260,6 +266,11 @@ void OpenMPSolver<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vec
         finite.store(false, std::memory_order_relaxed);
       }
       if (!out.empty()) read_block(placed, now, out);
+      if (figures != nullptr) own.include(measured(placed, now, substeps.back().spheres, substeps.back().sphere_count));
+    }
+    if (figures != nullptr) {
+#pragma omp critical
+      figures->include(own);
     }
     if (alongside) failure.guard([&] { alongside(false); });
   }
@@ -268,6 +279,25 @@ void OpenMPSolver<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vec
   substep_before_ = input.substep;
   for (Workspace<Scalar>& workspace : workspace_) move_count(workspace.work, work_);
   failure.rethrow();
+}
+
+template <class Scalar>
+Figures OpenMPSolver<Scalar>::measured(const Placed<Scalar>& placed, const Scalar* now, const Scalar* spheres,
+                                       int sphere_count) const {
+  if (!plan_.regions[placed.region].simulated) return {};
+  return measure_block(placed.block, now, strands_.width, spheres, sphere_count);
+}
+
+template <class Scalar>
+Figures OpenMPSolver<Scalar>::measure_at_start(std::span<const Sphere> spheres) {
+  check_measured(plan_);
+  std::vector<Scalar> numbers;
+  append_spheres<Scalar>(spheres, origin_.now(), numbers);
+  Figures found;
+  for (const Placed<Scalar>& placed : strands_.blocks) {
+    found.include(measured(placed, newest(placed), numbers.data(), static_cast<int>(spheres.size())));
+  }
+  return found;
 }
 
 template <class Scalar>

@@ -24,6 +24,7 @@ struct RegionPlan {
 struct Plan {
   std::vector<RegionPlan> regions;
   bool colliders = true;                     // false: no frame has any
+  bool measured = false;                     // lengths are measured, also where nothing holds them
   Eigen::Vector3d gravity_at_rest{0, 0, 0};  // at the start [m/s^2], for sag-free regions
 };
 

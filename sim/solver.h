@@ -11,6 +11,7 @@
 
 #include "sim/frame_input.h"
 #include "sim/groom.h"
+#include "sim/measure.h"
 #include "sim/work_count.h"
 
 namespace strandbake {
@@ -34,11 +35,19 @@ class Solver {
 
   // One film frame: input.substeps() substeps of Algorithm 1.
   // `out`: empty, or one entry per vertex, which gets what read() would give, while it still lies in cache.
+  // `figures`: nullptr, or what gets those of the frame's end; the plan must have `measured`.
   // `alongside`: empty, or other work for the same threads. What it throws leaves advance() when the frame is done.
   // Throws std::invalid_argument where the input asks for something that the plan left out, or its parts differ in
   // length, or `out` has another size.
-  virtual void advance(const FrameInput& input, std::span<Eigen::Vector3f> out, const Alongside& alongside) = 0;
-  void advance(const FrameInput& input) { advance(input, {}, {}); }
+  virtual void advance(const FrameInput& input, std::span<Eigen::Vector3f> out, Figures* figures,
+                       const Alongside& alongside) = 0;
+  void advance(const FrameInput& input, std::span<Eigen::Vector3f> out, const Alongside& alongside) {
+    advance(input, out, nullptr, alongside);
+  }
+  void advance(const FrameInput& input) { advance(input, {}, nullptr, {}); }
+
+  // Figures of hair that has not moved yet, among these spheres. Throws as advance() does.
+  virtual Figures measure_at_start(std::span<const Sphere> spheres) = 0;
 
   // Called before advance(): what the call after it will ask for. A device begins with it while the positions of this
   // frame travel; read() has to wait for that next advance() then.

@@ -228,12 +228,12 @@ std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, const std::vector<bo
     take(b.frame_x, keeps_frames ? 3 * n * w : 0);
     take(b.frame_y, keeps_frames ? 3 * n * w : 0);
     take(b.support, frames && region.sag_free ? 3 * n * w : 0);
-    take(b.length, region.edge_lengths ? n * w : 0);
+    take(b.length, region.edge_lengths || plan.measured ? n * w : 0);
     take(b.tension, region.direct_lengths ? n * w : 0);
     take(b.fade, static_cast<std::size_t>(b.global_end) * w);
     take(b.free, b.masked ? n * w : 0);
     take(b.active, b.masked ? n * w : 0);
-    take(b.swept, b.masked && region.direct_lengths ? n * w : 0);
+    take(b.swept, b.masked && (region.direct_lengths || plan.measured) ? n * w : 0);
     take(b.elimination, region.direct_lengths && !scratch.empty() && scratch[placed.region] ? 2 * n * w : 0);
     take(b.wind_weight, region.wind ? 4 * w : 0);
   }
@@ -384,6 +384,19 @@ void check_against_plan(const Plan& plan, const FrameInput& input) {
   if (!fits) throw std::invalid_argument("the input of a frame asks for more than the plan has");
 }
 
+void check_measured(const Plan& plan) {
+  if (!plan.measured) throw std::invalid_argument("figures are asked for, but the plan has nothing measured");
+}
+
+template <class Scalar>
+void append_spheres(std::span<const Sphere> spheres, const Eigen::Vector3d& origin, std::vector<Scalar>& numbers) {
+  for (const Sphere& sphere : spheres) {
+    const Eigen::Vector3d center = sphere.center - origin;
+    for (int axis = 0; axis < 3; ++axis) numbers.push_back(static_cast<Scalar>(center[axis]));
+    numbers.push_back(static_cast<Scalar>(sphere.radius));
+  }
+}
+
 template <class Scalar>
 FrameSteps<Scalar> frame_steps(const FrameInput& input, Origin& origin) {
   FrameSteps<Scalar> steps;
@@ -406,12 +419,7 @@ FrameSteps<Scalar> frame_steps(const FrameInput& input, Origin& origin) {
       }
     }
     substeps[s].sphere_count = input.spheres.empty() ? 0 : static_cast<int>(input.spheres[s].size());
-    for (int k = 0; k < substeps[s].sphere_count; ++k) {
-      const Sphere& sphere = input.spheres[s][static_cast<std::size_t>(k)];
-      const Eigen::Vector3d center = sphere.center - origin.now();
-      for (int axis = 0; axis < 3; ++axis) spheres.push_back(static_cast<Scalar>(center[axis]));
-      spheres.push_back(static_cast<Scalar>(sphere.radius));
-    }
+    if (!input.spheres.empty()) append_spheres<Scalar>(input.spheres[s], origin.now(), spheres);
   }
   std::size_t sphere_at = 0;
   for (Substep<Scalar>& substep : substeps) {
@@ -427,6 +435,8 @@ template RegionStep<float> region_step(const RegionParams&, const RegionPlan&, c
                                        const FrameInput&, double, const Skip&);
 template RegionStep<double> region_step(const RegionParams&, const RegionPlan&, const Eigen::Vector3d&,
                                         const FrameInput&, double, const Skip&);
+template void append_spheres(std::span<const Sphere>, const Eigen::Vector3d&, std::vector<float>&);
+template void append_spheres(std::span<const Sphere>, const Eigen::Vector3d&, std::vector<double>&);
 template FrameSteps<float> frame_steps(const FrameInput&, Origin&);
 template FrameSteps<double> frame_steps(const FrameInput&, Origin&);
 

@@ -5,6 +5,7 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <span>
 #include <type_traits>
 #include <vector>
 
@@ -117,7 +118,12 @@ struct FrameSteps {
 template <class Scalar>
 FrameSteps<Scalar> frame_steps(const FrameInput& input, Origin& origin);
 
+// Spheres relative to an origin: x, y, z, radius of each.
+template <class Scalar>
+void append_spheres(std::span<const Sphere> spheres, const Eigen::Vector3d& origin, std::vector<Scalar>& numbers);
+
 // What the plan left out has no memory to run on: throws std::invalid_argument.
 void check_against_plan(const Plan& plan, const FrameInput& input);
+void check_measured(const Plan& plan);
 
 }  // namespace strandbake

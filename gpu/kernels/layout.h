@@ -40,7 +40,7 @@ enum SubstepInt { kSphereBegin, kSphereCount, kSubstepInts };
 // Block (sim/block.h). Places are in numbers from the start of a batch's state; kAbsent: the plan left the array out.
 #define kAbsent 0xffffffffu
 typedef struct {
-  uint vertices, region, masked, rides, global_end;
+  uint vertices, region, simulated, masked, rides, global_end;
   uint position, previous, rest, root_frame, local_edge, remainder, frame_x, frame_y, support;
   uint length, tension, fade, free, active, swept, elimination, wind_weight;
 } BlockRow;

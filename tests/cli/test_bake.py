@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import (DISK, GOOD, INTERRUPTED, INVALID, NON_FINITE, PROGRAM, SOURCE, USAGE, assert_one_error, hanging, positions, read,
-                      write_hair)
+                      write_hair, write_tfx3)
 
 LONG = "1-1000000"  # far longer than a test waits
 
@@ -402,6 +402,60 @@ lengths.iterations = 0
 IN_THE_WAY = "[[collider]]\nsphere = {center = [0.01, 1.51, 0], radius = 0.02}\n"
 
 
+def tied_at_both_ends(path):
+    points = hanging(strands=3, vertices=12)
+    points[:, -1, 0] += 0.02
+    write_tfx3(path, points, both_ends=True)
+
+
+ONE_SWEEP = '[[region]]\nname = "hair"\nlengths.iterations = 1\n'
+
+
+def test_the_residual_is_that_of_segments_between_pinned_vertices(shot):
+    tied_at_both_ends(shot / "tied.tfx")
+    shot.scene("[forces]\ngravity = {4 = [0, 0, 0], 5 = [-20, -9.81, 0]}\n" + ONE_SWEEP, files='["tied.tfx", "a.hair"]',
+               frames="1-12")
+    found = read(shot.bake())
+    residual, stretch = found["stats/residual"], found["stats/largest_stretch"]
+    np.testing.assert_array_equal(residual[:4] < 1e-5, True)
+    assert residual[4:].max() > 1e-3 and (stretch >= residual).all()
+    offset = found["strands/offset"].astype(int)[:4]  # those of tied.tfx
+    tied = found["frames/position"][:, :offset[3]].reshape(12, 3, 12, 3).astype(float)
+    rest = found["rest/position"][:offset[3]].reshape(3, 12, 3).astype(float)
+    lengths, rest_lengths = (np.linalg.norm(np.diff(points, axis=-2), axis=-1) for points in (tied, rest))
+    error = np.abs(lengths / rest_lengths - 1).max(axis=(1, 2))
+    np.testing.assert_allclose(residual, error, atol=1e-4)  # floats in the world tell 1e-5 of 9 mm
+    info = json.loads(shot.run("info", "out.h5", "--json").out)
+    assert info["residual"] == {"value": residual.max(), "frame": found["frames/number"][residual.argmax()]}
+    assert re.search(r"residual +[\d.]+ % at most between pinned vertices, in frame \d+\n", shot.run("info", "out.h5").out)
+    most = float(residual.max())
+    run = shot.run("bake", "scene.toml", "-o", "new.h5", "--quiet", "--fail-on", f"residual={most / 2}")
+    assert run.code == INVALID and "the largest residual is " in run.err
+    alone = read(shot.bake("--set", 'groom.files=["a.hair"]', out="alone.h5"))
+    np.testing.assert_array_equal(alone["stats/residual"], 0)
+    assert "residual" not in shot.run("info", "alone.h5").out
+
+
+def test_figures_far_from_the_origin_have_no_noise_of_float(shot):
+    tied_at_both_ends(shot / "tied.tfx")
+    scene = """[bake]
+frames = "1-12"
+[groom]
+files = ["tied.tfx", "a.hair"]
+translate = [%r, 0, %r]
+[[collider]]
+sphere = {center = [%r, 1.5, %r], radius = 0.05}
+"""
+    figures = []
+    for name, x, z in [("near", 0.0, 0.0), ("far", 131072.0, -65536.0)]:
+        (shot / "scene.toml").write_text(scene % (x, z, x + 0.01, z) + ONE_SWEEP)
+        figures.append(read(shot.bake(out=f"{name}.h5")))
+    near, far = figures
+    assert near["stats/residual"].max() > 1e-3 and near["stats/deepest_penetration"].max() > 1e-4
+    for name in ("largest_stretch", "residual", "deepest_penetration"):
+        np.testing.assert_allclose(far[f"stats/{name}"], near[f"stats/{name}"], rtol=1e-3, atol=2e-5)
+
+
 def test_a_bake_fails_on_the_first_frame_beyond_a_limit(shot):
     shot.scene(STRETCHY, frames="1-12")
     whole = shot.bake(out="whole.h5")
@@ -460,7 +514,7 @@ def test_a_bake_within_its_limits_is_the_same_as_one_without(shot):
 def test_a_limit_without_sense_is_a_usage_error(shot, text, words):
     run = shot.run("bake", shot.scene(), "--fail-on", text)
     assert run.code == USAGE and run.out == ""
-    assert words in run.err and "write stretch=0.01 (a share of the length) or penetration=0.001 (metres)" in run.err
+    assert words in run.err and "write stretch=0.01 or residual=0.01 (shares of the length), or penetration=0.001 (metres)" in run.err
     assert shot.files() == ["a.hair", "scene.toml"]
 
 

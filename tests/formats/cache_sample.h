@@ -65,7 +65,8 @@ struct SampleFrame {
     quarter << 0, 0, 1, 0, 1, 0, -1, 0, 0;
     for (int turn = 0; turn < number % 4; ++turn) frame.head.rotate(quarter);
     frame.head.translation().x() = number;
-    frame.stats = {static_cast<float>(number) * 0.5F, static_cast<float>(number) * 0.25F, 3 * number};
+    frame.stats = {static_cast<float>(number) * 0.5F, static_cast<float>(number) * 0.125F,
+                   static_cast<float>(number) * 0.25F, 3 * number};
   }
 };
 

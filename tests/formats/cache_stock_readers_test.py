@@ -60,6 +60,7 @@ def test_h5py_reads_every_value(tmp_path, options):
         np.testing.assert_array_equal(
             frames["head"][2], [[0, 0, 1, 5], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]])  # frame 5: one quarter turn
         np.testing.assert_array_equal(file["stats/largest_stretch"][:], np.arange(3, 8) / 2)
+        np.testing.assert_array_equal(file["stats/residual"][:], np.arange(3, 8) / 8)
         np.testing.assert_array_equal(file["stats/deepest_penetration"][:], np.arange(3, 8) / 4)
         np.testing.assert_array_equal(file["stats/substeps"][:], 3 * np.arange(3, 8))
 
@@ -167,6 +168,7 @@ def test_h5ls_lists_the_layout(tmp_path):
         "/stats": "Group",
         "/stats/deepest_penetration": "Dataset {3/Inf}",
         "/stats/largest_stretch": "Dataset {3/Inf}",
+        "/stats/residual": "Dataset {3/Inf}",
         "/stats/substeps": "Dataset {3/Inf}",
         "/strands": "Group",
         "/strands/offset": "Dataset {11}",

@@ -68,6 +68,7 @@ void check_frames(const CacheReader& reader, const CacheHeader& header, const Ca
     REQUIRE(reader.stats(index).has_value() == options.stats);
     if (options.stats) {
       CHECK(reader.stats(index)->largest_stretch == sample.frame.stats.largest_stretch);
+      CHECK(reader.stats(index)->residual == sample.frame.stats.residual);
       CHECK(reader.stats(index)->deepest_penetration == sample.frame.stats.deepest_penetration);
       CHECK(reader.stats(index)->substeps == sample.frame.stats.substeps);
     }
@@ -546,6 +547,7 @@ TEST_CASE("a cache whose parts disagree is refused with the part") {
        }},
       {"complete, but has 2 to 3 frames", [=](hid_t file) { set_extent(file, "/frames/number", {3}); }},
       {"complete, but has 1 to 2 frames", [=](hid_t file) { set_extent(file, "/stats/largest_stretch", {1}); }},
+      {"complete, but has 1 to 2 frames", [=](hid_t file) { set_extent(file, "/stats/residual", {1}); }},
       {"complete, but has 1 to 2 frames", [=](hid_t file) { set_extent(file, "/stats/substeps", {1}); }},
       {"/frames/position claims",
        [=](hid_t file) {
@@ -584,6 +586,7 @@ TEST_CASE("a frame that is announced but was never written is refused") {
     set_extent(file, "/frames/time", {3});
     set_extent(file, "/frames/head", {3, 4, 4});
     set_extent(file, "/stats/largest_stretch", {3});
+    set_extent(file, "/stats/residual", {3});
     set_extent(file, "/stats/deepest_penetration", {3});
     set_extent(file, "/stats/substeps", {3});
   });

@@ -27,8 +27,19 @@ const Device* exact_device() {
   return nullptr;
 }
 
+Plan measured_plan(const Shot& shot) {
+  Plan plan = plan_of(shot);
+  plan.measured = true;
+  return plan;
+}
+
 std::unique_ptr<OpenCLSolver> solver_of(const Shot& shot, const Device& device, const OpenCLOptions& options = {}) {
   return make_opencl_solver(shot.groom, plan_of(shot), shot.head(0), device, options);
+}
+
+bool same_figures(const Figures& a, const Figures& b) {
+  return a.largest_stretch == b.largest_stretch && a.residual == b.residual &&
+         a.deepest_penetration == b.deepest_penetration;
 }
 
 void check_same_frames(const std::vector<Points>& taken, const std::vector<Points>& expected) {
@@ -114,16 +125,24 @@ TEST_CASE("looking ahead changes no byte, whether or not positions are asked for
   elsewhere.shares_memory = GENERATE(false, true);
   Shot shot = busy_shot();
   shot.frames = 12;
-  const auto cpu = make_openmp_solver(shot.groom, plan_of(shot), shot.head(0), SolverOptions{});
-  const auto solver = solver_of(shot, elsewhere, {.threads = 2, .memory = streamed ? 1u : 0u});
+  const auto cpu = make_openmp_solver(shot.groom, measured_plan(shot), shot.head(0), SolverOptions{});
+  const auto solver = make_opencl_solver(shot.groom, measured_plan(shot), shot.head(0), elsewhere,
+                                         {.threads = 2, .memory = streamed ? 1u : 0u});
+  CHECK(same_figures(solver->measure_at_start(shot.spheres(0)), cpu->measure_at_start(shot.spheres(0))));
   for (int frame = 1; frame <= shot.frames; ++frame) {
     CAPTURE(streamed, elsewhere.shares_memory, frame);
     // All pairs of having looked ahead, wanting positions, and looking ahead.
     const bool wanted = frame % 3 != 0, looks_ahead = frame % 4 != 3 && frame < shot.frames;
     Floats expected(shot.groom.vertex_count()), taken(shot.groom.vertex_count());
-    cpu->advance(frame_input(shot, frame), expected, {});
+    Figures expected_figures, figures;
+    const bool measured = frame % 5 != 0;
+    cpu->advance(frame_input(shot, frame), expected, &expected_figures, {});
     if (looks_ahead) solver->expect(frame_input(shot, frame + 1));
-    solver->advance(frame_input(shot, frame), wanted ? std::span(taken) : std::span<Eigen::Vector3f>(), {});
+    solver->advance(frame_input(shot, frame), wanted ? std::span(taken) : std::span<Eigen::Vector3f>(),
+                    measured ? &figures : nullptr, {});
+    if (measured) CHECK(same_figures(figures, expected_figures));
+    CHECK(expected_figures.residual > 0);
+    CHECK(expected_figures.deepest_penetration > 0);
     CHECK_FALSE(solver->find_non_finite());
     if (wanted) CHECK(same_bits(taken, expected));
     if (looks_ahead && !streamed) {

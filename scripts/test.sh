@@ -6,6 +6,7 @@ cd "$(dirname "$0")/.."
 
 scripts/install-packages.sh test
 scripts/intel-opencl.sh build/intel-opencl
+scripts/dcc-packages.sh build/dcc
 jobs=$(nproc)
 step() { printf '\n== %s (%s s)\n' "$1" "$SECONDS"; }
 configure() {

@@ -1,9 +1,8 @@
 #!/usr/bin/env bash
-# dcc_test.sh FOLDER MODULE FILE: runs the tests of a file in the Python where scripts/dcc-packages.sh FOLDER has installed MODULE.
+# dcc_test.sh FOLDER FILE [ARGUMENTS]: runs the tests of a file in the Python of scripts/dcc-packages.sh FOLDER; 77 where
+# there is none, or where all are skipped (conftest.py).
 set -euo pipefail
 python=$1/bin/python
-if ! [ -x "$python" ] || ! "$python" -c "import importlib.util, sys; sys.exit(importlib.util.find_spec('$2') is None)"; then
-  echo "skipped: scripts/dcc-packages.sh $1 has not installed $2"
-  exit 77
-fi
-exec "$python" -m pytest -q -p no:cacheprovider -rs "$3"
+shift
+[ -x "$python" ] || { echo "skipped: scripts/dcc-packages.sh has not made ${python%/bin/python}"; exit 77; }
+exec "$python" -m pytest -q -p no:cacheprovider -rs "$@"

@@ -138,7 +138,9 @@ def test_what_is_no_cache_is_named(tmp_path):
 
 
 CHANGES = {
-    "has cache format version 2, but this package reads up to 1": lambda f: f.attrs.modify("format_version", np.int32(2)),
+    "has cache format version 2, but this package reads up to 1": lambda f: f.attrs.modify(
+        "format_version", np.int32(2)
+    ),
     "format version 0 has never been": lambda f: f.attrs.modify("format_version", np.int32(0)),
     "fps is nan": lambda f: f.attrs.modify("fps", np.nan),
     "/strands/offset starts at 1": lambda f: f["strands/offset"].__setitem__(0, 1),
@@ -150,21 +152,34 @@ CHANGES = {
     "it calls itself complete, but has 5 to 6 frames": lambda f: f["frames/number"].resize(5, axis=0),
     "/frames/number does not increase": lambda f: f["frames/number"].__setitem__(3, 4),
     "/frames/time has a value that is not finite, at 2": lambda f: f["frames/time"].__setitem__(2, np.inf),
-    "/frames/position of frame 5 has a value that is not finite, at 17":
-        lambda f: f["frames/position"].__setitem__((2, 17, 1), np.nan),
+    "/frames/position of frame 5 has a value that is not finite, at 17": lambda f: f["frames/position"].__setitem__(
+        (2, 17, 1), np.nan
+    ),
     "/rest/position has a value that is not finite, at 0": lambda f: f["rest/position"].__setitem__((0, 2), -np.inf),
-    "/frames/position has the shape": lambda f: (f.__delitem__("frames/position"),
-                                                 f["frames"].create_dataset("position", data=np.zeros((6, 7, 3), "<f4"))),
-    "claims": lambda f: (f.__delitem__("rest/position"), f["rest"].create_dataset(
-        "position", (2**40, 3), "<f4", chunks=(4096, 3), compression="gzip", shuffle=True)),
-    "is packed with other filters": lambda f: (f.__delitem__("rest/position"), f["rest"].create_dataset(
-        "position", data=np.zeros((5, 3), "<f4"), compression="lzf")),
-    "is not stored in the file itself": lambda f: (f.__delitem__("rest/position"), f["rest"].create_dataset(
-        "position", (5, 3), "<f4", external="/etc/passwd")),
-    "/regions/name does not hold strings of fixed length": lambda f: (f.__delitem__("regions/name"), f["regions"].create_dataset(
-        "name", data=["a", "b", "c"], dtype=h5py.string_dtype())),
-    "has another type of numbers": lambda f: (f.__delitem__("frames/number"), f["frames"].create_dataset(
-        "number", data=np.arange(6, dtype="<i8"))),
+    "/frames/position has the shape": lambda f: (
+        f.__delitem__("frames/position"),
+        f["frames"].create_dataset("position", data=np.zeros((6, 7, 3), "<f4")),
+    ),
+    "claims": lambda f: (
+        f.__delitem__("rest/position"),
+        f["rest"].create_dataset("position", (2**40, 3), "<f4", chunks=(4096, 3), compression="gzip", shuffle=True),
+    ),
+    "is packed with other filters": lambda f: (
+        f.__delitem__("rest/position"),
+        f["rest"].create_dataset("position", data=np.zeros((5, 3), "<f4"), compression="lzf"),
+    ),
+    "is not stored in the file itself": lambda f: (
+        f.__delitem__("rest/position"),
+        f["rest"].create_dataset("position", (5, 3), "<f4", external="/etc/passwd"),
+    ),
+    "/regions/name does not hold strings of fixed length": lambda f: (
+        f.__delitem__("regions/name"),
+        f["regions"].create_dataset("name", data=["a", "b", "c"], dtype=h5py.string_dtype()),
+    ),
+    "has another type of numbers": lambda f: (
+        f.__delitem__("frames/number"),
+        f["frames"].create_dataset("number", data=np.arange(6, dtype="<i8")),
+    ),
     "is not the number it should be": lambda f: f.attrs.create("complete", 1.5),
     "is not a data set": lambda f: (f.__delitem__("rest/position"), f["rest"].create_group("position")),
 }

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from conftest import make_cache, run_strandcache
-from pxr import Usd, UsdGeom, UsdValidation
 
 import strandcache
+
+pytest.importorskip("pxr", reason="usd-core is not installed; scripts/dcc-packages.sh build/dcc does it")
+from pxr import Usd, UsdGeom, UsdValidation  # noqa: E402
 
 
 def open_valid(path):
@@ -13,8 +15,11 @@ def open_valid(path):
     stage = Usd.Stage.Open(str(path))
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     names = {validator.GetMetadata().name for validator in validators}
-    assert {"usdGeomValidators:StageMetadataChecker", "usdValidation:CompositionErrorTest",
-            "usdUtilsValidators:MissingReferenceValidator"} <= names
+    assert {
+        "usdGeomValidators:StageMetadataChecker",
+        "usdValidation:CompositionErrorTest",
+        "usdUtilsValidators:MissingReferenceValidator",
+    } <= names
     errors = UsdValidation.ValidationContext(validators).Validate(stage)
     assert not errors, [(error.GetName(), error.GetMessage()) for error in errors]
     return stage
@@ -24,7 +29,9 @@ def check_samples(curves, cache, vertices=slice(None)):
     for frame in cache:
         points = np.array(curves.GetPointsAttr().Get(frame.number))
         np.testing.assert_array_equal(points, frame.positions[vertices])
-        np.testing.assert_array_equal(np.array(curves.GetVelocitiesAttr().Get(frame.number)), frame.velocities[vertices])
+        np.testing.assert_array_equal(
+            np.array(curves.GetVelocitiesAttr().Get(frame.number)), frame.velocities[vertices]
+        )
         low, high = np.array(curves.GetExtentAttr().Get(frame.number))
         assert (low <= points.min(axis=0) - 4.9e-5).all() and (high >= points.max(axis=0) + 4.9e-5).all()
         np.testing.assert_allclose([low, high], [points.min(axis=0), points.max(axis=0)], atol=6e-5)
@@ -46,8 +53,12 @@ def test_the_strands_are_linear_curves_with_a_sample_for_each_frame(tmp_path, sa
     with strandcache.Cache(sample) as cache:
         np.testing.assert_array_equal(curves.GetCurveVertexCountsAttr().Get(), np.diff(cache.offset))
         check_samples(curves, cache)
-        for name, values, interpolation in (("strand_id", np.arange(200), "uniform"), ("region", cache.strand_region, "uniform"),
-                                            ("st", cache.root_uv, "uniform"), ("rest", cache.rest, "vertex")):
+        for name, values, interpolation in (
+            ("strand_id", np.arange(200), "uniform"),
+            ("region", cache.strand_region, "uniform"),
+            ("st", cache.root_uv, "uniform"),
+            ("rest", cache.rest, "vertex"),
+        ):
             primvar = primvars.GetPrimvar(name)
             np.testing.assert_array_equal(primvar.Get(), values)
             assert primvar.GetInterpolation() == interpolation
@@ -57,13 +68,19 @@ def test_the_strands_are_linear_curves_with_a_sample_for_each_frame(tmp_path, sa
 def test_long_shots_go_into_value_clips(tmp_path, sample):
     run = run_strandcache("to-usd", sample, tmp_path / "long.usda", "--frames-per-clip", "4")
     assert run.returncode == 0, run.stderr
-    assert sorted(p.name for p in (tmp_path / "long.clips").iterdir()) == ["long.0003.usdc", "long.0007.usdc", "long.manifest.usda"]
+    assert sorted(p.name for p in (tmp_path / "long.clips").iterdir()) == [
+        "long.0003.usdc",
+        "long.0007.usdc",
+        "long.manifest.usda",
+    ]
     stage = open_valid(tmp_path / "long.usda")
     curves = UsdGeom.BasisCurves(stage.GetPrimAtPath("/hair/strands"))
     assert set(curves.GetPointsAttr().GetTimeSamples()) == {3, 4, 5, 6, 7, 8}
     with strandcache.Cache(sample) as cache:
         check_samples(curves, cache)
-        assert list(curves.GetPointsAttr().Get(1)) == list(curves.GetPointsAttr().Get(3))  # before the shot its first frame holds
+        assert list(curves.GetPointsAttr().Get(1)) == list(
+            curves.GetPointsAttr().Get(3)
+        )  # before the shot its first frame holds
 
 
 def test_each_region_can_be_a_curve_set(tmp_path, sample):
@@ -83,7 +100,9 @@ def test_each_region_can_be_a_curve_set(tmp_path, sample):
 def test_what_cannot_be_written_is_told(tmp_path, sample):
     def refused(code, *words):
         run = run_strandcache("to-usd", sample, *words)
-        assert run.returncode == code and run.stderr.startswith("strandcache: error: ") and run.stderr.count("\n") == 1, run.stderr
+        assert (
+            run.returncode == code and run.stderr.startswith("strandcache: error: ") and run.stderr.count("\n") == 1
+        ), run.stderr
         return run.stderr
 
     assert "has to end in .usd" in refused(2, tmp_path / "a.abc")
@@ -98,9 +117,12 @@ def test_what_cannot_be_written_is_told(tmp_path, sample):
 
 def test_a_frame_that_is_not_finite_ends_the_export(tmp_path):
     import h5py
+
     path = make_cache(tmp_path / "a.h5", 20, 1, 3)
     with h5py.File(path, "r+") as file:
         file["frames/position"][1, 5, 0] = np.nan
-    with strandcache.Cache(path) as cache, pytest.raises(strandcache.CacheError, match="of frame 2 has a value that is not finite"):
+    with strandcache.Cache(path) as cache, pytest.raises(
+        strandcache.CacheError, match="of frame 2 has a value that is not finite"
+    ):
         strandcache.to_usd(cache, tmp_path / "a.usdc")
     assert not (tmp_path / "a.usdc").exists()

@@ -1,4 +1,4 @@
-"""Strandbake's caches in Python: `Cache` reads them, `to_usd` writes USD, `strandcache.blender` brings them into Blender.
+"""Strandbake's caches in Python: `Cache` reads them, `to_usd` writes USD, `blender` brings them into Blender.
 
     with strandcache.Cache("shot.h5") as cache:
         for frame in cache:
@@ -26,9 +26,11 @@ bl_info = {
 
 def register() -> None:
     from . import blender
+
     blender.register()
 
 
 def unregister() -> None:
     from . import blender
+
     blender.unregister()

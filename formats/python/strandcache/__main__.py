@@ -22,9 +22,13 @@ def _parser() -> argparse.ArgumentParser:
     usd.add_argument("cache", type=Path, metavar="CACHE")
     usd.add_argument("output", type=Path, metavar="OUTPUT", help=".usdc, .usda or .usd")
     usd.add_argument("--frames", type=_frames, metavar="FIRST-LAST", help="only these frames of the scene")
-    usd.add_argument("--width", type=float, default=1e-4, metavar="METRES", help="diameter of the strands (%(default)s)")
+    usd.add_argument(
+        "--width", type=float, default=1e-4, metavar="METRES", help="diameter of the strands (%(default)s)"
+    )
     usd.add_argument("--by-region", action="store_true", help="curves of their own for each region")
-    usd.add_argument("--frames-per-clip", type=int, metavar="N", help="for long shots: points in value clips of N frames")
+    usd.add_argument(
+        "--frames-per-clip", type=int, metavar="N", help="for long shots: points in value clips of N frames"
+    )
 
     abc = verbs.add_parser("to-abc", help="write Alembic; needs Blender's Python package: pip install bpy")
     abc.add_argument("cache", type=Path, metavar="CACHE")
@@ -33,8 +37,13 @@ def _parser() -> argparse.ArgumentParser:
 
     addon = verbs.add_parser("blender-addon", help="write the add-on that Blender installs")
     addon.add_argument("output", type=Path, metavar="OUTPUT", help=".zip")
-    addon.add_argument("--wheel", type=Path, action="append", default=[],
-                       help="a wheel to bring along for Blenders that lack it, as h5py; Blender 4.2 or newer; may be repeated")
+    addon.add_argument(
+        "--wheel",
+        type=Path,
+        action="append",
+        default=[],
+        help="a wheel to bring along for Blenders that lack it, as h5py; Blender 4.2 or newer; may be repeated",
+    )
 
     for verb in (usd, abc, addon):
         verb.add_argument("--force", action="store_true", help="replace OUTPUT")
@@ -83,11 +92,18 @@ def _run(arguments: argparse.Namespace) -> None:
         _write_addon(target, arguments.wheel)
     elif arguments.verb == "to-abc":
         from . import blender
+
         blender.to_alembic(arguments.cache, target, radius=arguments.radius)
     else:
         with Cache(arguments.cache) as cache:
-            to_usd(cache, target, frames=arguments.frames, width=arguments.width, by_region=arguments.by_region,
-                   frames_per_clip=arguments.frames_per_clip)
+            to_usd(
+                cache,
+                target,
+                frames=arguments.frames,
+                width=arguments.width,
+                by_region=arguments.by_region,
+                frames_per_clip=arguments.frames_per_clip,
+            )
 
 
 def main(words: Sequence[str] | None = None) -> int:

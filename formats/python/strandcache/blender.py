@@ -1,7 +1,7 @@
 """Caches in Blender, from 3.4 on: hair curves that play a cache back, an add-on for that, and Alembic through Blender.
 
-A curves data block knows its cache (`curves.strandcache`); a handler gives it the positions of each frame. Both are there as
-long as the add-on is enabled, so a saved file plays when it is opened again.
+A curves data block knows its cache (`curves.strandcache`); handlers give it the positions of each frame. Both are there
+as long as the add-on is enabled, so a saved file plays when it is opened again.
 """
 
 import os
@@ -82,8 +82,10 @@ def _to_blender(positions: Floats, scene: bpy.types.Scene) -> Floats:
 def _put_positions(curves: Any, scene: bpy.types.Scene, settings: Any) -> None:
     playback = _playback(bpy.path.abspath(settings.filepath, library=curves.library))
     if playback.cache.vertex_count != len(curves.points):
-        raise CacheError(f"{settings.filepath}: has {playback.cache.vertex_count} vertices, but these curves have "
-                         f"{len(curves.points)}; import it anew")
+        raise CacheError(
+            f"{settings.filepath}: has {playback.cache.vertex_count} vertices, but these curves have "
+            f"{len(curves.points)}; import it anew"
+        )
     number = settings.frame
     if not settings.override_frame:
         number = (scene.frame_current + scene.frame_subframe - settings.frame_offset) * settings.speed
@@ -103,10 +105,17 @@ def _show(curves: Any, scene: bpy.types.Scene, settings: Any) -> None:
 
 
 @persistent
-def _on_frame(scene: bpy.types.Scene, depsgraph: Any = None) -> None:
+def _before_frame(scene: bpy.types.Scene, _depsgraph: Any = None) -> None:
     for curves in bpy.data.hair_curves:
-        if curves.strandcache.filepath:
-            # What is keyed has its value of this frame in the evaluated copy.
+        if curves.strandcache.filepath and not curves.strandcache.override_frame:
+            _show(curves, scene, curves.strandcache)
+
+
+@persistent
+def _after_frame(scene: bpy.types.Scene, depsgraph: Any = None) -> None:
+    """What is keyed has its value of this frame only now, in the evaluated copy. Blender evaluates the hair once more."""
+    for curves in bpy.data.hair_curves:
+        if curves.strandcache.filepath and curves.strandcache.override_frame:
             _show(curves, scene, (curves.evaluated_get(depsgraph) if depsgraph else curves).strandcache)
 
 
@@ -122,8 +131,8 @@ def import_cache(path: str | os.PathLike[str], *, radius: float = 5e-5, set_scen
     and, where the cache has them, surface_uv_coordinate. `curves.strandcache` says how it is played.
 
     radius: of the strands, in metres.
-    set_scene: gives the scene the cache's frame rate and frame range. Otherwise the cache is played at its own rate in the
-        scene's.
+    set_scene: gives the scene the cache's frame rate and frame range. Otherwise the cache is played at its own rate in
+        the scene's.
 
     Raises CacheError.
     """
@@ -136,7 +145,8 @@ def import_cache(path: str | os.PathLike[str], *, radius: float = 5e-5, set_scen
     curves = _make_curves(name, rest, cache.offset)
     types: list[tuple[str, str, str, NDArray[Any]]] = [
         ("strand_id", "INT", "value", np.arange(cache.strand_count, dtype=np.int32)),
-        ("region", "INT", "value", cache.strand_region.astype(np.int32))]
+        ("region", "INT", "value", cache.strand_region.astype(np.int32)),
+    ]
     if cache.root_uv is not None:
         types.append(("surface_uv_coordinate", "FLOAT2", "vector", cache.root_uv))
     for label, kind, field, values in types:
@@ -238,8 +248,13 @@ def to_alembic(path: str | os.PathLike[str], target: str | os.PathLike[str], **o
     bpy.ops.wm.read_factory_settings(use_empty=True)
     import_cache(path, **options)
     scene = bpy.context.scene
-    bpy.ops.wm.alembic_export(filepath=os.fspath(target), start=scene.frame_start, end=scene.frame_end,
-                              export_custom_properties=True, check_existing=False)
+    bpy.ops.wm.alembic_export(
+        filepath=os.fspath(target),
+        start=scene.frame_start,
+        end=scene.frame_end,
+        export_custom_properties=True,
+        check_existing=False,
+    )
     if _faults:
         raise CacheError(next(iter(_faults.values())))
     if not os.path.exists(target):
@@ -250,16 +265,27 @@ class StrandcacheSettings(bpy.types.PropertyGroup):
     """How curves play their cache."""
 
     filepath: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="File", description="The cache", subtype="FILE_PATH", update=_on_change)
+        name="File", description="The cache", subtype="FILE_PATH", options=set(), update=_on_change
+    )
     frame_offset: bpy.props.FloatProperty(  # type: ignore[valid-type]
-        name="Offset", description="Frames by which the shot starts later", update=_on_change)
+        name="Offset", description="Frames by which the shot starts later", options=set(), update=_on_change
+    )
     speed: bpy.props.FloatProperty(  # type: ignore[valid-type]
-        name="Speed", description="Frames of the cache in one frame of the scene", default=1, update=_on_change)
+        name="Speed",
+        description="Frames of the cache in one frame of the scene",
+        default=1,
+        options=set(),
+        update=_on_change,
+    )
     override_frame: bpy.props.BoolProperty(  # type: ignore[valid-type]
-        name="Override Frame", description="Show the frame below, which may be keyed, in place of the scene's",
-        update=_on_change)
+        name="Override Frame",
+        description="Show the frame below, which may be keyed, in place of the scene's",
+        options=set(),
+        update=_on_change,
+    )
     frame: bpy.props.FloatProperty(  # type: ignore[valid-type]
-        name="Frame", description="Frame of the cache", update=_on_change)
+        name="Frame", description="Frame of the cache", update=_on_change
+    )
 
 
 class STRANDCACHE_OT_import(bpy.types.Operator):
@@ -272,9 +298,11 @@ class STRANDCACHE_OT_import(bpy.types.Operator):
     filepath: bpy.props.StringProperty(subtype="FILE_PATH")  # type: ignore[valid-type]
     filter_glob: bpy.props.StringProperty(default="*.h5;*.part", options={"HIDDEN"})  # type: ignore[valid-type]
     radius: bpy.props.FloatProperty(  # type: ignore[valid-type]
-        name="Radius", description="Of the strands, in metres", default=5e-5, min=0, precision=6)
+        name="Radius", description="Of the strands, in metres", default=5e-5, min=0, precision=6
+    )
     set_scene: bpy.props.BoolProperty(  # type: ignore[valid-type]
-        name="Set Scene", description="Give the scene the frame rate and the frame range of the cache", default=True)
+        name="Set Scene", description="Give the scene the frame rate and the frame range of the cache", default=True
+    )
 
     def invoke(self, context: Any, _event: Any) -> set[str]:
         context.window_manager.fileselect_add(self)
@@ -324,11 +352,13 @@ def register() -> None:
         bpy.utils.register_class(each)
     bpy.types.Curves.strandcache = bpy.props.PointerProperty(type=StrandcacheSettings)
     bpy.types.TOPBAR_MT_file_import.append(_menu)
-    bpy.app.handlers.frame_change_post.append(_on_frame)
+    bpy.app.handlers.frame_change_pre.append(_before_frame)
+    bpy.app.handlers.frame_change_post.append(_after_frame)
 
 
 def unregister() -> None:
-    bpy.app.handlers.frame_change_post.remove(_on_frame)
+    bpy.app.handlers.frame_change_post.remove(_after_frame)
+    bpy.app.handlers.frame_change_pre.remove(_before_frame)
     bpy.types.TOPBAR_MT_file_import.remove(_menu)
     del bpy.types.Curves.strandcache
     for each in reversed(_CLASSES):

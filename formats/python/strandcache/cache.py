@@ -19,7 +19,9 @@ try:
     import h5py
     import numpy as np
 except ImportError as error:
-    raise ImportError(f"strandcache needs h5py and numpy ({error}); install them into this Python: pip install h5py") from error
+    raise ImportError(
+        f"strandcache needs h5py and numpy ({error}); install them into this Python: pip install h5py"
+    ) from error
 from numpy.typing import NDArray
 
 NEWEST_FORMAT_VERSION = 1
@@ -68,7 +70,7 @@ class Stats:
 
 @dataclass(frozen=True)
 class Region:
-    """A region of the groom. Slices where its strands follow each other, as they mostly do: what they select is a view."""
+    """A region of the groom. Slices where its strands follow each other: what they select is a view then."""
 
     name: str
     strands: Selection  # into what has a value for each strand
@@ -280,8 +282,10 @@ class Cache(Sequence[Frame]):
             raise CacheError(f"{self.path}: is an HDF5 file, but not a Strandbake cache")
         version = int(_number_attribute(file, "format_version", "<i4"))
         if version > NEWEST_FORMAT_VERSION:
-            raise CacheError(f"{self.path}: has cache format version {version}, but this package reads up to "
-                             f"{NEWEST_FORMAT_VERSION}; use a newer strandcache")
+            raise CacheError(
+                f"{self.path}: has cache format version {version}, but this package reads up to "
+                f"{NEWEST_FORMAT_VERSION}; use a newer strandcache"
+            )
         if version < 1:
             raise _Damage(f"format version {version} has never been")
         self.fps = float(_number_attribute(file, "fps", "<f8"))
@@ -335,11 +339,14 @@ class Cache(Sequence[Frame]):
             return dict(zip(keys, values))
 
         self.provenance = Provenance(
-            _text_attribute(self._file["/provenance"], "version"), _texts(self._file, size, "/provenance/scene", 0)[0],
-            pairs("/provenance/inputs", "sha256"), pairs("/provenance/parameters", "value"))
+            _text_attribute(self._file["/provenance"], "version"),
+            _texts(self._file, size, "/provenance/scene", 0)[0],
+            pairs("/provenance/inputs", "sha256"),
+            pairs("/provenance/parameters", "value"),
+        )
 
     def _read_frames(self, size: int) -> None:
-        """What a killed bake leaves may have one frame more in one data set than in another: those that all have count."""
+        """A killed bake may leave one frame more in one data set than in another: those that all have count."""
         file = self._file
         opened: list[_Data] = []
 
@@ -357,8 +364,11 @@ class Cache(Sequence[Frame]):
         self._velocity = frames("/frames/velocity", "<f4", self.vertex_count, 3) if self.has_velocities else None
         measures = []
         if "/stats" in file:
-            measures = [frames("/stats/largest_stretch", "<f4"), frames("/stats/deepest_penetration", "<f4"),
-                        frames("/stats/substeps", "<i4")]
+            measures = [
+                frames("/stats/largest_stretch", "<f4"),
+                frames("/stats/deepest_penetration", "<f4"),
+                frames("/stats/substeps", "<i4"),
+            ]
         counts = [data.shape[0] for data in opened]
         self.complete = bool(_number_attribute(file, "complete", "|u1"))
         if self.complete and min(counts) != max(counts):
@@ -381,22 +391,24 @@ def _sentence(error: BaseException) -> str:
 def _require_finite(name: str, values: NDArray[Any]) -> None:
     finite = np.isfinite(values)
     if not finite.all():
-        raise _Damage(f"{name} has a value that is not finite, at {int(np.argmin(finite.reshape(len(values), -1).all(axis=1)))}")
+        raise _Damage(
+            f"{name} has a value that is not finite, at {int(np.argmin(finite.reshape(len(values), -1).all(axis=1)))}"
+        )
 
 
 def _scalar_attribute(owner: h5py.HLObject, name: str) -> h5py.h5a.AttrID:
     if not h5py.h5a.exists(owner.id, name.encode()):
-        raise _Damage(f"there is no attribute \"{name}\"")
+        raise _Damage(f'there is no attribute "{name}"')
     attribute = h5py.h5a.open(owner.id, name.encode())
     if attribute.get_space().get_simple_extent_npoints() != 1:
-        raise _Damage(f"attribute \"{name}\" is not one value")
+        raise _Damage(f'attribute "{name}" is not one value')
     return attribute
 
 
 def _number_attribute(owner: h5py.HLObject, name: str, kind: str) -> Any:
     attribute = _scalar_attribute(owner, name)
     if attribute.dtype != np.dtype(kind):
-        raise _Damage(f"attribute \"{name}\" is not the number it should be")
+        raise _Damage(f'attribute "{name}" is not the number it should be')
     value = np.empty(attribute.shape, kind)
     attribute.read(value)
     return value.reshape(-1)[0]
@@ -405,8 +417,10 @@ def _number_attribute(owner: h5py.HLObject, name: str, kind: str) -> Any:
 def _text_attribute(owner: h5py.HLObject, name: str) -> str:
     attribute = _scalar_attribute(owner, name)
     kind = attribute.get_type()
-    if not isinstance(kind, h5py.h5t.TypeStringID) or kind.is_variable_str():  # those lie in a heap, which may be damaged
-        raise _Damage(f"attribute \"{name}\" is not a text")
+    if (
+        not isinstance(kind, h5py.h5t.TypeStringID) or kind.is_variable_str()
+    ):  # those lie in a heap, which may be damaged
+        raise _Damage(f'attribute "{name}" is not a text')
     value = np.empty(attribute.shape, f"S{kind.get_size()}")
     attribute.read(value, kind)
     return bytes(value.reshape(-1)[0]).decode()
@@ -476,8 +490,8 @@ def _all(data: _Data, count: int | None = None) -> NDArray[Any]:
 
 
 def _read_rows(data: _Data, first: int, out: NDArray[Any]) -> None:
-    """Rows from `first` on, as many as `out` has. Chunks are unpacked here and side by side: HDF5 does one after the other,
-    and 1.10 would trust a damaged chunk to unpack to the right size."""
+    """Rows from `first` on, as many as `out` has. Chunks are unpacked here and side by side: HDF5 does one after the
+    other, and 1.10 would trust a damaged chunk to unpack to the right size."""
     if out.size == 0:
         return
     if not data.filters:

@@ -12,19 +12,25 @@ import numpy as np
 
 from .cache import Cache, Selection
 
-# No sample of a clip may be looked for before the first or behind the last frame of a shot.
 _ALL: tuple[slice, slice] = (slice(None), slice(None))
 
 
-def to_usd(cache: Cache, path: str | os.PathLike[str], *, frames: range | None = None, width: float = 1e-4,
-           by_region: bool = False, frames_per_clip: int | None = None,
-           progress: Callable[[int], object] | None = None) -> None:
+def to_usd(
+    cache: Cache,
+    path: str | os.PathLike[str],
+    *,
+    frames: range | None = None,
+    width: float = 1e-4,
+    by_region: bool = False,
+    frames_per_clip: int | None = None,
+    progress: Callable[[int], object] | None = None,
+) -> None:
     """Writes a .usdc, .usda or .usd with the strands at /hair/strands, or one curve set per region below /hair.
 
     frames: frame numbers in the scene; left out: all.
     width: diameter of the strands in metres.
-    frames_per_clip: for long shots, writes points into value clips of so many frames, NAME.clips/NAME.0001.usdc and so on
-        beside the file, so that no more frames than those are in memory at once. Left out: all is in one file, and in memory.
+    frames_per_clip: for long shots, writes points into value clips of so many frames, NAME.clips/NAME.0001.usdc and
+        so on beside the file, so that no more frames than those are in memory at once. Left out: all is in one file.
     progress: is called with the number of each frame that was taken over.
 
     Raises CacheError where the cache is damaged, OSError where a file cannot be written, ValueError for what cannot be.
@@ -60,18 +66,23 @@ def to_usd(cache: Cache, path: str | os.PathLike[str], *, frames: range | None =
 
 
 class _Writer:
-    def __init__(self, cache: Cache, wanted: list[int], width: float, by_region: bool,
-                 progress: Callable[[int], object] | None) -> None:
+    def __init__(
+        self, cache: Cache, wanted: list[int], width: float, by_region: bool, progress: Callable[[int], object] | None
+    ) -> None:
         self.cache, self.wanted, self.width, self.progress = cache, wanted, width, progress
         # Name of the curves: what of the strands and of the vertices they show.
         self.curves: dict[str, tuple[Selection, Selection]] = {"strands": _ALL}
         if by_region:
             names = _identifiers(region.name for region in cache.regions)
-            self.curves = {name: (region.strands, region.vertices) for name, region in zip(names, cache.regions)
-                           if len(cache.offset[:-1][region.strands])}
+            self.curves = {
+                name: (region.strands, region.vertices)
+                for name, region in zip(names, cache.regions)
+                if len(cache.offset[:-1][region.strands])
+            }
 
     def times(self, stage: Any, wanted: list[int]) -> None:
         from pxr import UsdGeom
+
         UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
         UsdGeom.SetStageMetersPerUnit(stage, 1.0)
         stage.SetTimeCodesPerSecond(self.cache.fps)
@@ -82,6 +93,7 @@ class _Writer:
     def define(self, stage: Any) -> None:
         """All that does not change over time."""
         from pxr import Kind, Sdf, Usd, UsdGeom, Vt
+
         cache = self.cache
         self.times(stage, self.wanted)
         hair = UsdGeom.Xform.Define(stage, "/hair").GetPrim()
@@ -104,18 +116,29 @@ class _Writer:
             types, uniform = Sdf.ValueTypeNames, UsdGeom.Tokens.uniform
             ids = np.arange(cache.strand_count, dtype=np.int32)[strands]
             primvar("strand_id", types.IntArray, Vt.IntArray.FromNumpy(ids), uniform)
-            primvar("region", types.IntArray, Vt.IntArray.FromNumpy(cache.strand_region[strands].astype(np.int32)), uniform)
-            primvar("region_names", types.StringArray, Vt.StringArray([region.name for region in cache.regions]),
-                    UsdGeom.Tokens.constant)
+            primvar(
+                "region", types.IntArray, Vt.IntArray.FromNumpy(cache.strand_region[strands].astype(np.int32)), uniform
+            )
+            primvar(
+                "region_names",
+                types.StringArray,
+                Vt.StringArray([region.name for region in cache.regions]),
+                UsdGeom.Tokens.constant,
+            )
             if cache.root_uv is not None:
                 uv = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(cache.root_uv[strands]))
                 primvar("st", types.TexCoord2fArray, uv, uniform)
-            primvar("rest", types.Point3fArray, Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(cache.rest[vertices])),
-                    UsdGeom.Tokens.vertex)
+            primvar(
+                "rest",
+                types.Point3fArray,
+                Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(cache.rest[vertices])),
+                UsdGeom.Tokens.vertex,
+            )
 
     def sample(self, stage: Any, wanted: list[int]) -> None:
         """What changes over time, for some frames."""
         from pxr import UsdGeom, Vt
+
         for index in wanted:
             frame = self.cache[index]
             for name, (_, vertices) in self.curves.items():
@@ -133,6 +156,7 @@ class _Writer:
 
     def write_clips(self, stage: Any, target: Path, frames_per_clip: int) -> None:
         from pxr import Sdf, Usd, UsdGeom, Vt
+
         folder = target.with_suffix(".clips")
         folder.mkdir(exist_ok=True)
         manifest = Usd.Stage.CreateInMemory()
@@ -174,6 +198,7 @@ def _cut(wanted: list[int], size: int) -> Iterator[list[int]]:
 def _identifiers(names: Iterable[str]) -> list[str]:
     """Names as USD takes them, all different."""
     from pxr import Tf
+
     found: list[str] = []
     for name in names:
         base = Tf.MakeValidIdentifier(re.sub(r"[^A-Za-z0-9_]", "_", name))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,6 @@ def to_usd(
     width: float = 1e-4,
     by_region: bool = False,
     frames_per_clip: int | None = None,
-    progress: Callable[[int], object] | None = None,
 ) -> None:
     """Writes a .usdc, .usda or .usd with the strands at /hair/strands, or one curve set per region below /hair.
 
@@ -31,7 +30,6 @@ def to_usd(
     width: diameter of the strands in metres.
     frames_per_clip: for long shots, writes points into value clips of so many frames, NAME.clips/NAME.0001.usdc and
         so on beside the file, so that no more frames than those are in memory at once. Left out: all is in one file.
-    progress: is called with the number of each frame that was taken over.
 
     Raises CacheError where the cache is damaged, OSError where a file cannot be written, ValueError for what cannot be.
     """
@@ -51,7 +49,7 @@ def to_usd(
     wanted = [index for index, number in enumerate(cache.numbers) if frames is None or int(number) in frames]
     if not wanted:
         raise ValueError(f"{cache.path}: has no frame to write")
-    writer = _Writer(cache, wanted, width, by_region, progress)
+    writer = _Writer(cache, wanted, width, by_region)
     try:
         stage = Usd.Stage.CreateInMemory()
         writer.define(stage)
@@ -66,10 +64,8 @@ def to_usd(
 
 
 class _Writer:
-    def __init__(
-        self, cache: Cache, wanted: list[int], width: float, by_region: bool, progress: Callable[[int], object] | None
-    ) -> None:
-        self.cache, self.wanted, self.width, self.progress = cache, wanted, width, progress
+    def __init__(self, cache: Cache, wanted: list[int], width: float, by_region: bool) -> None:
+        self.cache, self.wanted, self.width = cache, wanted, width
         # Name of the curves: what of the strands and of the vertices they show.
         self.curves: dict[str, tuple[Selection, Selection]] = {"strands": _ALL}
         if by_region:
@@ -151,8 +147,6 @@ class _Writer:
                 if self.cache.has_velocities:
                     velocities = np.ascontiguousarray(frame.velocities[vertices])
                     curves.CreateVelocitiesAttr().Set(Vt.Vec3fArray.FromNumpy(velocities), frame.number)
-            if self.progress is not None:
-                self.progress(frame.number)
 
     def write_clips(self, stage: Any, target: Path, frames_per_clip: int) -> None:
         from pxr import Sdf, Usd, UsdGeom, Vt

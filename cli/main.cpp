@@ -41,6 +41,8 @@ int main(int argc, char** argv) {
   add("bake", "Simulate a scene and write its cache", add_bake);
   add("check", "List every fault of a scene, or what would be run", add_check);
   add("info", "Say what a cache holds", add_info);
+  add("compare", "Say how far a cache is from a golden one", add_compare);
+  add("digest", "Write what a later bake can be compared with, small enough for git", add_digest);
   add("preview", "Draw a contact sheet of a cache", add_preview);
   add("groom", "Make hair, or convert a groom to .hair", add_groom);
   add("devices", "List the OpenCL devices that can bake", add_devices);

@@ -31,6 +31,8 @@ using Verb = std::function<int()>;
 Verb add_bake(CLI::App& app);
 Verb add_check(CLI::App& app);
 Verb add_info(CLI::App& app);
+Verb add_compare(CLI::App& app);
+Verb add_digest(CLI::App& app);
 Verb add_preview(CLI::App& app);
 Verb add_groom(CLI::App& app);
 Verb add_devices(CLI::App& app);

@@ -114,6 +114,11 @@ class CacheReader {
   bool has_velocity() const;
   std::uint64_t stored_bytes() const;  // bytes that positions take in the file
   void read_position(std::size_t index, std::span<Eigen::Vector3f> out) const;
+  // Vertices from `first` on. Any number of threads may read at once, also from several caches.
+  void read_position(std::size_t index, std::size_t first, std::span<Eigen::Vector3f> out) const;
+  // Vertices that are packed together: block b holds those from b * block_vertices() on. Reading by whole blocks
+  // unpacks nothing twice.
+  std::size_t block_vertices() const;
   void read_velocity(std::size_t index, std::span<Eigen::Vector3f> out) const;
 
  private:

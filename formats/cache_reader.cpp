@@ -6,6 +6,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <mutex>
 #include <new>
 #include <stdexcept>
 #include <string_view>
@@ -121,63 +122,98 @@ struct FreeDecompressor {
   void operator()(libdeflate_decompressor* decompressor) const { libdeflate_free_decompressor(decompressor); }
 };
 
-// Undoes the filters of one chunk. HDF5 1.10 itself would trust a chunk to unpack to the right size, and read beyond
-// its end where a damaged one does not.
-std::vector<std::byte> unpack(const Dataset& set, std::vector<std::byte> bytes, std::uint32_t skipped,
-                              std::size_t chunk_bytes) {
-  std::vector<std::byte> out;
+// What shuffle has parted: the lowest bytes of all values, then the next ones, ...
+void unshuffle(std::span<const std::byte> from, std::size_t value_bytes, std::byte* out) {
+  const std::size_t count = from.size() / value_bytes;
+  if (value_bytes == sizeof(std::uint32_t)) {
+    const auto* const bytes = reinterpret_cast<const std::uint8_t*>(from.data());
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::uint32_t value = bytes[k] | std::uint32_t{bytes[count + k]} << 8 |
+                                  std::uint32_t{bytes[2 * count + k]} << 16 | std::uint32_t{bytes[3 * count + k]} << 24;
+      std::memcpy(out + 4 * k, &value, 4);
+    }
+  } else {
+    for (std::size_t value = 0; value < count; ++value)
+      for (std::size_t byte = 0; byte < value_bytes; ++byte)
+        out[value * value_bytes + byte] = from[byte * count + value];
+  }
+  std::ranges::copy(from.subspan(count * value_bytes), out + count * value_bytes);  // no whole value: left as it was
+}
+
+// Memory for one chunk, kept by each thread: pages that are handed back and taken again for each cost more than what
+// is done with them.
+struct Scratch {
+  std::vector<std::byte> bytes, unpacked;
+  std::unique_ptr<libdeflate_decompressor, FreeDecompressor> decompressor;
+};
+
+// Undoes the filters of the chunk in `scratch.bytes`, where the result is, too. HDF5 1.10 itself would trust a chunk to
+// unpack to the right size, and read beyond its end where a damaged one does not.
+void unpack(const Dataset& set, std::uint32_t skipped, std::size_t chunk_bytes, Scratch& scratch) {
   for (std::size_t k = set.filters.size(); k-- > 0;) {
     if ((skipped >> k & 1U) != 0) continue;
+    const std::vector<std::byte>& bytes = scratch.bytes;
+    std::vector<std::byte>& out = scratch.unpacked;
     if (set.filters[k] == H5Z_FILTER_DEFLATE) {
       if (bytes.size() < chunk_bytes / kLargestRatio) damaged(set.name + " has a chunk that is too short");
       out.resize(chunk_bytes);
-      const std::unique_ptr<libdeflate_decompressor, FreeDecompressor> decompressor(libdeflate_alloc_decompressor());
-      if (decompressor == nullptr) throw std::bad_alloc();
-      if (libdeflate_zlib_decompress(decompressor.get(), bytes.data(), bytes.size(), out.data(), out.size(), nullptr) !=
-          LIBDEFLATE_SUCCESS)
+      if (scratch.decompressor == nullptr) scratch.decompressor.reset(libdeflate_alloc_decompressor());
+      if (scratch.decompressor == nullptr) throw std::bad_alloc();
+      if (libdeflate_zlib_decompress(scratch.decompressor.get(), bytes.data(), bytes.size(), out.data(), out.size(),
+                                     nullptr) != LIBDEFLATE_SUCCESS)
         damaged(set.name + " has a chunk that cannot be unpacked");
     } else {
-      const std::size_t count = bytes.size() / set.value_bytes;
-      out = bytes;  // what is no whole value was left where it is
-      for (std::size_t value = 0; value < count; ++value)
-        for (std::size_t byte = 0; byte < set.value_bytes; ++byte)
-          out[value * set.value_bytes + byte] = bytes[byte * count + value];
+      out.resize(bytes.size());
+      unshuffle(bytes, set.value_bytes, out.data());
     }
-    bytes.swap(out);
+    scratch.bytes.swap(scratch.unpacked);
   }
-  if (bytes.size() != chunk_bytes) damaged(set.name + " has a chunk of a wrong size");
-  return bytes;
+  if (scratch.bytes.size() != chunk_bytes) damaged(set.name + " has a chunk of a wrong size");
 }
 
-// Copies what lies in rows first .. first + count - 1 of one chunk to `out`, which begins at row `first`.
-void copy_chunk(const Dataset& set, std::span<const std::byte> chunk, std::array<hsize_t, 3> corner, hsize_t first,
-                hsize_t count, std::byte* out) {
+// Rows and columns of a data set, each from the first to before the end. What lies behind a column comes with it.
+struct Box {
+  std::array<hsize_t, 2> first;
+  std::array<hsize_t, 2> end;
+};
+
+// Copies what lies in the box of one chunk to `out`, which begins at the first of the box.
+void copy_chunk(const Dataset& set, std::span<const std::byte> chunk, std::array<hsize_t, 3> corner, const Box& box,
+                std::byte* out) {
   std::array<hsize_t, 3> dims = {1, 1, 1};
   std::array<hsize_t, 3> shape = {1, 1, 1};
   std::ranges::copy(set.dims, dims.begin());
   std::ranges::copy(set.chunk, shape.begin());
-  const auto low = [&](std::size_t axis) { return axis == 0 ? std::max(corner[0], first) : corner[axis]; };
-  const auto high = [&](std::size_t axis) {
-    return std::min(corner[axis] + shape[axis], axis == 0 ? first + count : dims[axis]);
-  };
+  const auto low = [&](std::size_t axis) { return std::max(corner[axis], box.first[axis]); };
+  const auto high = [&](std::size_t axis) { return std::min(corner[axis] + shape[axis], box.end[axis]); };
+  const hsize_t columns = box.end[1] - box.first[1];
+  const bool is_whole = shape[2] == dims[2];  // behind each column: they follow each other
+  const hsize_t run = is_whole && high(1) > low(1) ? high(1) - low(1) : 1;
+  const hsize_t bytes = run * (std::min(corner[2] + shape[2], dims[2]) - corner[2]) * set.value_bytes;
   for (hsize_t x = low(0); x < high(0); ++x)
-    for (hsize_t y = low(1); y < high(1); ++y) {
+    for (hsize_t y = low(1); y < high(1); y += run) {
       const hsize_t from = ((x - corner[0]) * shape[1] + (y - corner[1])) * shape[2];
-      const hsize_t to = ((x - first) * dims[1] + y) * dims[2] + corner[2];
-      std::memcpy(out + to * set.value_bytes, chunk.data() + from * set.value_bytes,
-                  (high(2) - corner[2]) * set.value_bytes);
+      const hsize_t to = ((x - box.first[0]) * columns + (y - box.first[1])) * dims[2] + corner[2];
+      std::memcpy(out + to * set.value_bytes, chunk.data() + from * set.value_bytes, bytes);
     }
 }
 
-// Rows first .. first + count - 1 of a data set of one to three dimensions; `out` has room for them.
-void read_rows(const Dataset& set, hsize_t first, hsize_t count, void* out) {
+// HDF5 is one thread's at a time.
+std::mutex hdf5_mutex;
+
+// A box of a data set of one to three dimensions; `out` has room for it. Any number of threads may read at once.
+void read_box(const Dataset& set, const Box& box, void* out) {
   static_assert(std::endian::native == std::endian::little, "the values of the file are copied as they are");
-  if (count == 0) return;
+  if (box.first[0] >= box.end[0] || box.first[1] >= box.end[1]) return;
   if (set.chunk.empty()) {
+    const std::lock_guard lock(hdf5_mutex);
+    const QuietHdf5 quiet;
     Dims start(set.dims.size());
-    start[0] = first;
     Dims extent = set.dims;
-    extent[0] = count;
+    for (std::size_t axis = 0; axis < std::min<std::size_t>(set.dims.size(), 2); ++axis) {
+      start[axis] = box.first[axis];
+      extent[axis] = box.end[axis] - box.first[axis];
+    }
     const Hdf5Space space(require(H5Dget_space(set.id), set.name));
     const Hdf5Space memory(
         require(H5Screate_simple(static_cast<int>(extent.size()), extent.data(), nullptr), set.name));
@@ -190,22 +226,35 @@ void read_rows(const Dataset& set, hsize_t first, hsize_t count, void* out) {
   std::array<hsize_t, 3> end = {1, 1, 1};
   std::ranges::copy(set.chunk, step.begin());
   std::ranges::copy(set.dims, end.begin());
-  end[0] = first + count;
+  std::ranges::copy(box.end, end.begin());
   const std::size_t chunk_bytes = step[0] * step[1] * step[2] * set.value_bytes;
+  thread_local Scratch scratch;
+  const auto read = [&](const std::array<hsize_t, 3>& corner) {
+    const std::lock_guard lock(hdf5_mutex);
+    const QuietHdf5 quiet;
+    hsize_t stored = 0;
+    if (H5Dget_chunk_storage_size(set.id, corner.data(), &stored) < 0 || stored == 0 || stored > set.stored)
+      damaged(fmt::format("{} lacks a part of row {}", set.name, std::max(box.first[0], corner[0])));
+    scratch.bytes.resize(stored);
+    std::uint32_t skipped = 0;
+    if (H5Dread_chunk(set.id, H5P_DEFAULT, corner.data(), &skipped, scratch.bytes.data()) < 0)
+      damaged(fmt::format("{} cannot be read: {}", set.name, hdf5_error()));
+    return skipped;
+  };
   std::array<hsize_t, 3> corner = {};
-  for (corner[0] = first / step[0] * step[0]; corner[0] < end[0]; corner[0] += step[0])
-    for (corner[1] = 0; corner[1] < end[1]; corner[1] += step[1])
+  for (corner[0] = box.first[0] / step[0] * step[0]; corner[0] < end[0]; corner[0] += step[0])
+    for (corner[1] = box.first[1] / step[1] * step[1]; corner[1] < end[1]; corner[1] += step[1])
       for (corner[2] = 0; corner[2] < end[2]; corner[2] += step[2]) {
-        hsize_t stored = 0;
-        if (H5Dget_chunk_storage_size(set.id, corner.data(), &stored) < 0 || stored == 0 || stored > set.stored)
-          damaged(fmt::format("{} lacks a part of row {}", set.name, std::max(first, corner[0])));
-        std::vector<std::byte> bytes(stored);
-        std::uint32_t skipped = 0;
-        if (H5Dread_chunk(set.id, H5P_DEFAULT, corner.data(), &skipped, bytes.data()) < 0)
-          damaged(fmt::format("{} cannot be read: {}", set.name, hdf5_error()));
-        copy_chunk(set, unpack(set, std::move(bytes), skipped, chunk_bytes), corner, first, count,
-                   static_cast<std::byte*>(out));
+        unpack(set, read(corner), chunk_bytes, scratch);
+        copy_chunk(set, scratch.bytes, corner, box, static_cast<std::byte*>(out));
       }
+  constexpr std::size_t kKept = std::size_t{1} << 22;
+  if (scratch.bytes.capacity() + scratch.unpacked.capacity() > kKept) scratch = {};
+}
+
+// Rows first .. first + count - 1.
+void read_rows(const Dataset& set, hsize_t first, hsize_t count, void* out) {
+  read_box(set, {{first, 0}, {first + count, set.dims.size() > 1 ? set.dims[1] : 1}}, out);
 }
 
 std::vector<std::string> read_text(hid_t file, std::uint64_t file_bytes, const std::string& name, std::size_t rank) {
@@ -441,15 +490,20 @@ struct CacheReader::Impl {
     read_rows(set, 0, frames, out.data());
   }
 
-  void read_vectors(const Dataset& set, std::size_t index, std::span<Eigen::Vector3f> out) const {
+  void read_vectors(const Dataset& set, std::size_t index, std::size_t first, std::span<Eigen::Vector3f> out) const {
     check(index);
-    if (out.size() != header.rest_position.size()) throw std::invalid_argument("cache: room for each vertex is needed");
-    const QuietHdf5 quiet;
+    if (first > header.rest_position.size() || out.size() > header.rest_position.size() - first)
+      throw std::out_of_range(fmt::format("cache: vertices {} to {}", first, first + out.size()));
     try {
-      read_rows(set, index, 1, out.data());
+      read_box(set, {{index, first}, {index + 1, first + out.size()}}, out.data());
     } catch (const InputError& fault) {
       throw InputError(fmt::format("{}: is damaged: {}; bake it again", path, fault.what()));
     }
+  }
+
+  void read_all_vectors(const Dataset& set, std::size_t index, std::span<Eigen::Vector3f> out) const {
+    if (out.size() != header.rest_position.size()) throw std::invalid_argument("cache: room for each vertex is needed");
+    read_vectors(set, index, 0, out);
   }
 
   void check(std::size_t index) const {
@@ -519,12 +573,22 @@ std::optional<FrameStats> CacheReader::stats(std::size_t index) const {
 }
 
 void CacheReader::read_position(std::size_t index, std::span<Eigen::Vector3f> out) const {
-  impl_->read_vectors(impl_->position, index, out);
+  impl_->read_all_vectors(impl_->position, index, out);
+}
+
+std::size_t CacheReader::block_vertices() const {
+  constexpr hsize_t kUnpacked = 16384;  // where nothing is packed, any number will do
+  const Dims& chunk = impl_->position.chunk;
+  return static_cast<std::size_t>(std::min<hsize_t>(chunk.empty() ? kUnpacked : chunk[1], vertex_count()));
+}
+
+void CacheReader::read_position(std::size_t index, std::size_t first, std::span<Eigen::Vector3f> out) const {
+  impl_->read_vectors(impl_->position, index, first, out);
 }
 
 void CacheReader::read_velocity(std::size_t index, std::span<Eigen::Vector3f> out) const {
   if (!has_velocity()) throw std::logic_error("cache: there are no velocities");
-  impl_->read_vectors(impl_->velocity, index, out);
+  impl_->read_all_vectors(impl_->velocity, index, out);
 }
 
 }  // namespace strandbake

@@ -13,23 +13,32 @@
 
 namespace strandbake {
 
-namespace {
+struct Sha256::Impl {
+  sha256_ctx context;
+};
 
-std::string hex_digest(sha256_ctx& context) {
+Sha256::Sha256() : impl_(std::make_unique<Impl>()) {
+  sha256_init(&impl_->context);
+}
+
+Sha256::~Sha256() = default;
+
+void Sha256::add(std::span<const std::byte> bytes) {
+  sha256_update(&impl_->context, bytes.size(), reinterpret_cast<const std::uint8_t*>(bytes.data()));
+}
+
+std::string Sha256::finish() {
   std::array<std::uint8_t, SHA256_DIGEST_SIZE> digest = {};
-  sha256_digest(&context, digest.size(), digest.data());
+  sha256_digest(&impl_->context, digest.size(), digest.data());
   std::string text;
   for (const std::uint8_t byte : digest) text += fmt::format("{:02x}", byte);
   return text;
 }
 
-}  // namespace
-
 std::string sha256(std::span<const std::byte> bytes) {
-  sha256_ctx context;
-  sha256_init(&context);
-  sha256_update(&context, bytes.size(), reinterpret_cast<const std::uint8_t*>(bytes.data()));
-  return hex_digest(context);
+  Sha256 sum;
+  sum.add(bytes);
+  return sum.finish();
 }
 
 std::string sha256_file(const std::filesystem::path& path) {
@@ -38,18 +47,17 @@ std::string sha256_file(const std::filesystem::path& path) {
   };
   const int descriptor = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (descriptor < 0) throw refuse(errno);
-  sha256_ctx context;
-  sha256_init(&context);
-  std::array<std::uint8_t, 65536> block;
+  Sha256 sum;
+  std::array<std::byte, 65536> block;
   ssize_t count = 0;
   do {
     count = ::read(descriptor, block.data(), block.size());
-    if (count > 0) sha256_update(&context, static_cast<std::size_t>(count), block.data());
+    if (count > 0) sum.add({block.data(), static_cast<std::size_t>(count)});
   } while (count > 0 || (count < 0 && errno == EINTR));
   const int code = errno;
   ::close(descriptor);
   if (count < 0) throw refuse(code);
-  return hex_digest(context);
+  return sum.finish();
 }
 
 }  // namespace strandbake

@@ -15,6 +15,7 @@
 #include <tuple>
 #include <type_traits>
 
+#include "formats/quality.h"
 #include "formats/scene_overrides.h"
 #include "formats/scene_words.h"
 #include "formats/similar_names.h"
@@ -819,6 +820,18 @@ class ParameterList {
   std::string prefix_;
 };
 
+// Presets say nothing about what is written.
+void apply_quality(Scene& scene, const Reading& reading) {
+  for (const Quality& quality : kQualities) {
+    if (scene.bake.quality != quality.name) continue;
+    if (!reading.is_written("bake.substeps")) scene.bake.substeps = quality.substeps;
+    for (std::size_t r = 0; r < scene.regions.size(); ++r) {
+      if (reading.is_written(join(index_path("region", r), "local.method"))) continue;
+      scene.regions[r].params.base.local.method = quality.local_method;
+    }
+  }
+}
+
 std::string read_text(const std::filesystem::path& path) {
   std::error_code ignored;
   if (std::filesystem::is_directory(path, ignored)) {
@@ -859,6 +872,7 @@ Scene parse_scene(const std::string& text, const std::string& name, const std::v
     reading.add(error.origin, "", std::string("this is not TOML: ") + error.what());
   }
   if (scene.regions.empty()) scene.regions.emplace_back().name = "hair";
+  apply_quality(scene, reading);
   reading.report(faults);
   return scene;
 }

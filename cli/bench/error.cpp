@@ -12,6 +12,7 @@
 #include "cli/bench/benchmarks.h"
 #include "cli/bench/timing.h"
 #include "formats/procedural.h"
+#include "formats/quality.h"
 #include "sim/plan.h"
 #include "sim/solver.h"
 
@@ -179,6 +180,16 @@ std::vector<Setting> settings_of(int method, bool quick) {
   return settings;
 }
 
+// The name of bake.quality that stands for it, or nothing.
+std::string preset_of(const Setting& s) {
+  if (!s.lengths.direct || s.precision != Precision::Float || s.local_iterations != LocalShapeParams().iterations)
+    return "";
+  for (const Quality& quality : kQualities) {
+    if (quality.substeps == s.substeps && quality.local_method == s.method) return quality.name;
+  }
+  return "";
+}
+
 bool is_papers(const Setting& s) {
   return s.method <= 3 && s.substeps == 1 && !s.lengths.direct && s.lengths.iterations == 2;
 }
@@ -284,6 +295,8 @@ Report bench_error(const BenchOptions& options) {
       const Setting& s = r.setting;
       const std::pair<double, double> point{cost(r), 1e3 * r.own.rms()};
       const bool on_front = s.local_iterations == 3 && std::find(front.begin(), front.end(), point) != front.end();
+      std::string mark = is_papers(s) ? "the paper's" : on_front ? "front" : "";
+      if (const std::string preset = preset_of(s); !preset.empty()) mark += (mark.empty() ? "" : ", ") + preset;
       report.table.add({{"group", group.name},
                         {"method", static_cast<double>(s.method)},
                         {"lengths", s.lengths_name()},
@@ -295,9 +308,7 @@ Report bench_error(const BenchOptions& options) {
                         {"rms_to_method_1_mm", 1e3 * r.to_method_1.rms()},
                         {"stretch_percent", 100 * r.stretch},
                         {"ns_per_vertex_and_frame", point.first},
-                        {"mark", std::string(is_papers(s) ? "the paper's"
-                                             : on_front   ? "front"
-                                                          : "")}});
+                        {"mark", mark}});
       if (is_papers(s)) panel.series[1].points.push_back(point);
       if (s.precision != Precision::Float || s.local_iterations != 3) continue;
       if (!s.lengths.direct && (s.lengths.iterations != 2 || s.method > 1)) continue;
@@ -310,8 +321,9 @@ Report bench_error(const BenchOptions& options) {
   }
   report.notes.push_back(
       "The distance goes to the method's own converged hair with 3 local iterations; \"to method 1\": to that of "
-      "method "
-      "1. Other local iterations make other hair, and lie off the front for that reason.");
+      "method 1. Other local iterations make other hair, and lie off the front for that reason. draft, normal and "
+      "fine: "
+      "bake.quality.");
   report.notes.push_back("stretch: of the worst segment in any frame. Times: one thread, median of runs.");
   return report;
 }

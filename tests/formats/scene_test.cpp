@@ -290,6 +290,21 @@ stats = false
   CHECK(!scene.cache.stats);
 }
 
+TEST_CASE("a preset sets what the scene leaves open, and nothing else") {
+  const Scene draft = read_good(std::string("bake.quality = \"draft\"\n") + groom);
+  CHECK(draft.bake.substeps == 1);
+  CHECK(draft.regions.at(0).params.base.local.method == 3);
+  const Scene own = read_good(std::string("bake = {quality = \"fine\", substeps = \"auto\"}\n") + groom +
+                              "[[region]]\nname = \"a\"\nlocal.method = 1\nstrands.file = \"a.hair\"\n"
+                              "[[region]]\nname = \"b\"\nlocal.stiffness = 0.25\n");
+  CHECK(!own.bake.substeps);
+  CHECK(own.regions.at(0).params.base.local.method == 1);
+  CHECK(own.regions.at(1).params.base.local.method == 3);
+  CHECK(own.regions.at(1).params.base.local.stiffness == 0.25);
+  CHECK(read_good(std::string("bake.quality = \"fine\"\n") + groom, {"bake.substeps=8"}).bake.substeps == 8);
+  CHECK(read_good(groom).regions.at(0).params.base.local.method == 1);
+}
+
 TEST_CASE("the groom's files can be one text, texts, or tables") {
   CHECK(read_good("groom.files = \"a.hair\"").groom.files.at(0).file == "a.hair");
   CHECK(read_good("groom.files = [\"a.hair\", \"b.obj\"]").groom.files.at(1).file == "b.obj");
@@ -887,6 +902,7 @@ sphere.center = {1 = [0, 1, 2]}
   const auto list = list_parameters(scene);
   CHECK(text_of(list) == R"(bake.frames = "1-24"
 bake.fps = 29.97
+bake.quality = "none"
 bake.substeps = "auto"
 bake.tolerance = 0.001
 bake.preroll = 0

@@ -39,6 +39,7 @@ def test_all_values_are_those_of_h5py(tmp_path, options):
             assert cache.stats is None
         else:
             np.testing.assert_array_equal(cache.stats.largest_stretch, file["stats/largest_stretch"][:])
+            np.testing.assert_array_equal(cache.stats.residual, file["stats/residual"][:])
             np.testing.assert_array_equal(cache.stats.deepest_penetration, file["stats/deepest_penetration"][:])
             np.testing.assert_array_equal(cache.stats.substeps, file["stats/substeps"][:])
 

@@ -64,6 +64,7 @@ class Stats:
     """Measures of each frame, [F]."""
 
     largest_stretch: Floats  # largest |length / rest length - 1| of a segment
+    residual: Floats  # the same, of segments with a pinned vertex at their end or beyond it
     deepest_penetration: Floats  # metres that the deepest vertex lies in a collider
     substeps: NDArray[np.int32]
 
@@ -366,6 +367,7 @@ class Cache(Sequence[Frame]):
         if "/stats" in file:
             measures = [
                 frames("/stats/largest_stretch", "<f4"),
+                frames("/stats/residual", "<f4"),
                 frames("/stats/deepest_penetration", "<f4"),
                 frames("/stats/substeps", "<i4"),
             ]

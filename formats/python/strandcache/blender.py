@@ -196,7 +196,7 @@ def _make_curves(name: str, positions: Floats, offset: NDArray[np.int64]) -> Any
 
 
 def _convert_mesh(name: str, positions: Floats, offset: NDArray[np.int64]) -> Any:
-    """Before Blender 4.2, Python cannot add hair curves, but it can have a mesh of edges converted into them."""
+    """In old Blenders, Python cannot add hair curves, but it can have a mesh of edges converted into them."""
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(positions) // 3)
     mesh.vertices.foreach_set("co", positions)

@@ -13,6 +13,7 @@
 #include <exception>
 #include <limits>
 #include <mutex>
+#include <numeric>
 #include <stdexcept>
 #include <system_error>
 
@@ -309,6 +310,11 @@ void write_attribute(hid_t object, const char* name, hid_t file_type, hid_t type
   require(H5Awrite(attribute, type, value) >= 0);
 }
 
+// Soft, so that tools which list a file name a data set by its own place.
+void soft_link(const char* path, hid_t group, const char* name) {
+  require(H5Lcreate_soft(path, group, name, H5P_DEFAULT, H5P_DEFAULT) >= 0);
+}
+
 // Of fixed length too: strings of variable length lie in HDF5's global heap, and HDF5 1.10 does not return from some
 // damaged heaps, so that our reader could not refuse them.
 void write_attribute(hid_t object, const char* name, const std::string& value) {
@@ -354,6 +360,7 @@ struct CacheWriter::Impl {
   std::filesystem::path path;
   std::filesystem::path part;
   CacheOptions options;
+  hsize_t strands;
   hsize_t vertices;
   ChunkQueue queue;
   CommitFile disk;
@@ -368,6 +375,7 @@ struct CacheWriter::Impl {
       : path(final_path),
         part(std::move(part_path)),
         options(cache_options),
+        strands(header.region.size()),
         vertices(header.rest_position.size()),
         queue(vertices, options.deflate, options.threads, options.velocity,
               [this](const Vectors& vectors, std::size_t first, std::span<const std::uint8_t> bytes) {
@@ -395,7 +403,6 @@ struct CacheWriter::Impl {
     write_attribute(file, "fps", H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, &header.fps);
     write_attribute(file, "complete", H5T_STD_U8LE, H5T_NATIVE_UINT8, &complete);
 
-    const hsize_t strands = header.region.size();
     const Hdf5Group strand_group = make_group(file, "strands");
     write_whole(make_dataset(strand_group, "offset", H5T_STD_U64LE, {strands + 1}), H5T_NATIVE_UINT64,
                 header.offset.data());
@@ -530,6 +537,94 @@ struct CacheWriter::Impl {
     failure = fmt::format("{}: was closed in the middle of a frame", part.string());
   }
 
+  // The cache once more as a PolyData with time steps, as VTK's HDF5 format 2.0 has it: links to our data sets, vectors
+  // of all frames in one row as virtual data sets over ours, and the little that is new. Done when the number of frames
+  // is known, as a virtual data set cannot grow with two dimensions of another.
+  void write_vtk_view() {
+    if (frames == 0) return;
+    require(H5Fset_libver_bounds(file, H5F_LIBVER_V18, H5F_LIBVER_V110) >= 0);  // 1.8 has no virtual data sets
+    const Hdf5Group view = make_group(file, "VTKHDF");
+    {
+      const std::array<std::int64_t, 2> version = {2, 0};
+      const hsize_t two = 2;
+      const Hdf5Space space(require(H5Screate_simple(1, &two, nullptr)));
+      const Hdf5Attribute attribute(
+          require(H5Acreate2(view, "Version", H5T_STD_I64LE, space, H5P_DEFAULT, H5P_DEFAULT)));
+      require(H5Awrite(attribute, H5T_NATIVE_INT64, version.data()) >= 0);
+      const Hdf5Type text(require(H5Tcopy(H5T_C_S1)));  // VTK takes no UTF-8 here
+      require(H5Tset_size(text, 8) >= 0 && H5Tset_strpad(text, H5T_STR_NULLPAD) >= 0);
+      write_attribute(view, "Type", text, text, "PolyData");
+    }
+    const auto write_integers = [](hid_t group, const char* name, const std::vector<std::int64_t>& values,
+                                   const Dims& dims) {
+      write_whole(make_dataset(group, name, H5T_STD_I64LE, dims), H5T_NATIVE_INT64, values.data());
+    };
+    const auto write_integer = [&](hid_t group, const char* name, hsize_t value) {
+      write_integers(group, name, {static_cast<std::int64_t>(value)}, {1});
+    };
+    write_integer(view, "NumberOfPoints", vertices);
+    const Dims one_row = {frames * vertices, 3};
+    const Dims by_frame = {frames, vertices, 3};
+    make_virtual(view, "Points", H5T_IEEE_F32LE, one_row, "/frames/position", by_frame);
+
+    const Hdf5Group lines = make_group(view, "Lines");
+    write_integer(lines, "NumberOfCells", strands);
+    write_integer(lines, "NumberOfConnectivityIds", vertices);
+    // VTK 9.3 wants the type of numbers that Connectivity has.
+    make_virtual(lines, "Offsets", H5T_STD_I64LE, {strands + 1}, "/strands/offset", {strands + 1});
+    {
+      std::vector<std::int64_t> connectivity(vertices);  // packs 200 : 1
+      std::iota(connectivity.begin(), connectivity.end(), std::int64_t{0});
+      const Hdf5Dataset dataset = make_dataset(lines, "Connectivity", H5T_STD_I64LE, {vertices},
+                                               {std::min<hsize_t>(vertices, kChunkVertices)}, 1);
+      write_whole(dataset, H5T_NATIVE_INT64, connectivity.data());
+    }
+    const Hdf5Group vertex_cells = make_group(view, "Vertices");  // none, and no polygons and strips either
+    write_integer(vertex_cells, "NumberOfCells", 0);
+    write_integer(vertex_cells, "NumberOfConnectivityIds", 0);
+    write_integer(vertex_cells, "Offsets", 0);
+    write_integers(vertex_cells, "Connectivity", {}, {0});
+    for (const char* const name : {"Polygons", "Strips"}) soft_link("Vertices", view, name);
+
+    const Hdf5Group cell_data = make_group(view, "CellData");
+    soft_link("/strands/region", cell_data, "region");
+
+    const Hdf5Group steps = make_group(view, "Steps");
+    const auto count = static_cast<std::int64_t>(frames);
+    write_attribute(steps, "NSteps", H5T_STD_I64LE, H5T_NATIVE_INT64, &count);
+    soft_link("/frames/time", steps, "Values");
+    const std::vector<std::int64_t> zeros(4 * frames);
+    std::vector<std::int64_t> first_points(frames);
+    for (std::size_t frame = 0; frame < frames; ++frame)
+      first_points[frame] = static_cast<std::int64_t>(frame * vertices);
+    write_integers(steps, "PointOffsets", first_points, {frames});
+    write_integers(steps, "PartOffsets", zeros, {frames});
+    write_integers(steps, "NumberOfParts", std::vector<std::int64_t>(frames, 1), {frames});
+    write_integers(steps, "CellOffsets", zeros, {frames, 4});  // of vertices, lines, polygons, strips
+    soft_link("CellOffsets", steps, "ConnectivityIdOffsets");
+    const Hdf5Group cell_offsets = make_group(steps, "CellDataOffsets");
+    soft_link("/VTKHDF/Steps/PartOffsets", cell_offsets, "region");
+    if (options.velocity) {
+      const Hdf5Group point_data = make_group(view, "PointData");
+      make_virtual(point_data, "velocity", H5T_IEEE_F32LE, one_row, "/frames/velocity", by_frame);
+      const Hdf5Group point_offsets = make_group(steps, "PointDataOffsets");
+      soft_link("/VTKHDF/Steps/PointOffsets", point_offsets, "velocity");
+    }
+    flush();
+  }
+
+  // Shows all values of `source`, in their order, as another shape and type of numbers.
+  static void make_virtual(hid_t group, const char* name, hid_t type, const Dims& dims, const char* source,
+                           const Dims& source_dims) {
+    const Hdf5Space space(require(H5Screate_simple(static_cast<int>(dims.size()), dims.data(), nullptr)));
+    const Hdf5Space source_space(
+        require(H5Screate_simple(static_cast<int>(source_dims.size()), source_dims.data(), nullptr)));
+    const Hdf5List list(require(H5Pcreate(H5P_DATASET_CREATE)));
+    require(H5Pset_obj_track_times(list, false) >= 0);
+    require(H5Pset_virtual(list, space, ".", source, source_space) >= 0);
+    const Hdf5Dataset dataset(require(H5Dcreate2(group, name, type, space, H5P_DEFAULT, list, H5P_DEFAULT)));
+  }
+
   void mark_complete() {
     disk.sync();  // the mark must not reach the device before what it vouches for
     require_disk();
@@ -638,6 +733,7 @@ void CacheWriter::finish() {
   if (!impl_->open()) throw std::logic_error("cache: finish() after finish() or close()");
   if (impl_->begun != nullptr) throw std::logic_error("cache: finish() before the last frame was ended");
   impl_->attempt("be finished", [&] {
+    impl_->write_vtk_view();
     impl_->mark_complete();
     impl_->close_file();
   });

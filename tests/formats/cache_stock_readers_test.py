@@ -109,7 +109,7 @@ def test_killed_at_any_single_write_a_bake_leaves_whole_frames(tmp_path):
         pytest.skip("strace may not trace here")
     split = first + (last - first) * 64 // 70
     counts = set()
-    for write in [*range(first, last, 151), *range(split - 2, split + 24)]:
+    for write in [*range(first, last, 151), *range(split - 2, split + 24), *range(last - 30, last + 1, 3)]:
         (tmp_path / "a.h5").unlink(missing_ok=True)
         write_count(70, "-e", f"inject=pwrite64:signal=KILL:when={write}")
         with h5py.File(tmp_path / "a.h5.part") as file:
@@ -144,6 +144,7 @@ def test_h5dump_prints_the_values(tmp_path):
 def test_h5ls_lists_the_layout(tmp_path):
     listing = run("h5ls", "-r", make(tmp_path / "a.h5", 10, 1, 3))
     found = {line.split()[0]: " ".join(line.split()[1:]) for line in listing.splitlines()}
+    view = {name: found.pop(name) for name in list(found) if name.startswith("/VTKHDF")}
     with h5py.File(tmp_path / "a.h5") as file:
         vertices = len(file["rest/position"])
     assert found == {
@@ -175,3 +176,21 @@ def test_h5ls_lists_the_layout(tmp_path):
         "/strands/region": "Dataset {10}",
         "/strands/root_uv": "Dataset {10, 2}",
     }
+    assert view["/VTKHDF/Points"] == f"Dataset {{{3 * vertices}, 3}}"
+    assert view["/VTKHDF/Steps/Values"] == "Soft Link {/frames/time}"
+
+
+def test_the_view_for_vtk_shows_positions_without_a_copy(tmp_path):
+    path = make(tmp_path / "a.h5", 500, 1, 5, "velocity")
+    with h5py.File(path, "r") as file:
+        vertices = len(file["rest/position"])
+        for view, vectors in (("Points", "position"), ("PointData/velocity", "velocity")):
+            view, vectors = file["VTKHDF"][view], file["frames"][vectors][:].reshape(-1, 3)
+            assert view.is_virtual and view.id.get_storage_size() == 0
+            np.testing.assert_array_equal(view[:], vectors)
+            part = slice(2 * vertices - 7, 2 * vertices + 5)  # of two frames
+            np.testing.assert_array_equal(view[part], vectors[part])
+        assert file["VTKHDF"].attrs["Type"] == b"PolyData" and list(file["VTKHDF"].attrs["Version"]) == [2, 0]
+        np.testing.assert_array_equal(file["VTKHDF/Lines/Offsets"][:], file["strands/offset"][:])
+        np.testing.assert_array_equal(file["VTKHDF/Lines/Connectivity"][:], np.arange(vertices))
+        np.testing.assert_array_equal(file["VTKHDF/Steps/PointOffsets"][:], vertices * np.arange(5))

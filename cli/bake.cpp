@@ -21,6 +21,7 @@
 #include "cli/plan_text.h"
 #include "cli/verbs.h"
 #include "cli/version.h"
+#include "formats/bake_state.h"
 #include "formats/cache.h"
 #include "formats/shot.h"
 #include "sim/large_array.h"
@@ -46,6 +47,8 @@ struct BakeOptions {
   std::vector<std::string> no_skip;
   std::vector<std::string> fail_on;
   bool force = false;
+  bool resume = false;
+  double checkpoint = 30;  // [s]
   bool quiet = false;
   bool json = false;
   bool dry_run = false;
@@ -218,13 +221,15 @@ class Bake {
   Bake(Shot shot, const BakeOptions& options, Backend& backend, const Events& events, std::pair<int, int> written,
        OnFrame on_frame)
       : shot_(std::move(shot)),
+        events_(events),
         written_(written),
         threads_(options.threads),
         velocity_(shot_.scene.cache.velocity),
         stats_(wants_stats(shot_.scene, options)),
         skip_passes_(skip_all_but(options.no_skip).passes),
         vertex_count_(shot_.groom.vertex_count()),
-        on_frame_(std::move(on_frame)) {
+        on_frame_(std::move(on_frame)),
+        checkpoint_seconds_(options.checkpoint) {
     for (const std::string& text : options.fail_on) limits_.push_back(parse_limit(text));
     // First the writer, as what it needs of the groom is gone before the solver is made: grooms are large.
     CacheOptions cache;
@@ -233,7 +238,13 @@ class Bake {
     cache.velocity = velocity_;
     cache.stats = shot_.scene.cache.stats;
     cache.threads = threads_;
-    writer_.emplace(options.output, make_header(shot_), cache);
+    CacheHeader header = make_header(shot_);
+    state_.emplace(options.output, state_identity(header, fmt::format("{}", fmt::join(options.no_skip, ","))));
+    writer_.emplace(options.output, header, cache,
+                    options.resume ? CacheWriter::Existing::Resume : CacheWriter::Existing::Replace);
+    header = {};
+    next_frame_ = written_.first + static_cast<int>(writer_->frame_count());
+    if (writer_->frame_count() > 0) check_kept(options.output.string() + ".part");
 
     SolverOptions solver;
     solver.precision = precision_of(shot_.scene);
@@ -245,6 +256,16 @@ class Bake {
                           [&](const std::string& warning) { events.warning(warning); });
     made_by_ = describe_backend(backend, solver);
     shot_.groom = {};  // the solver has its own copy
+    start_frame_ = first_simulated();
+    if (!options.resume) {
+      state_->remove();
+    } else if (next_frame_ > written_.second) {
+      start_frame_ = next_frame_;  // all is there
+    } else if (const auto frame = state_->find(); frame && *frame >= start_frame_ && *frame < next_frame_) {
+      solver_->load([this](std::span<std::byte> out) { state_->read(out); });
+      start_frame_ = *frame;
+      is_loaded_ = true;
+    }
     for (Positions& positions : positions_) {
       if (&positions != &positions_[kBefore] || velocity_) positions = Positions(vertex_count_);
     }
@@ -258,6 +279,11 @@ class Bake {
   // The solver in words.
   const std::string& made_by() const { return made_by_; }
   int first_simulated() const { return scene().first_frame - scene().bake.preroll; }
+  // Frame of the first call of advance_to(): the first that is simulated, or that of the state which was found.
+  int start_frame() const { return start_frame_; }
+  bool starts_from_state() const { return is_loaded_; }
+  // The first that is not in the file yet.
+  int next_frame() const { return next_frame_; }
 
   // The first frame that went beyond a limit; it is in the file.
   struct Excess {
@@ -270,15 +296,17 @@ class Bake {
   // Simulates `frame`, which follows the one of the last call, and meanwhile writes that one. Frames that nobody asked
   // for are not read.
   void advance_to(int frame) {
-    const bool needed = frame >= written_.first - (velocity_ ? 1 : 0);
+    const bool checked = kept_ && frame == next_frame_ - 1;
+    const bool needed = checked || frame >= next_frame_ - (velocity_ ? 1 : 0);
+    const bool saves = checkpoint_seconds_ > 0 && seconds_since(last_saved_) >= checkpoint_seconds_;
     Figures figures;
-    Figures* const wanted = stats_ && frame >= written_.first ? &figures : nullptr;
+    Figures* const wanted = stats_ && frame >= next_frame_ ? &figures : nullptr;
     const auto next = needed ? positions(kNext) : std::span<Eigen::Vector3f>();
-    if (frame > first_simulated()) {
+    if (frame > start_frame_) {
       const FrameInput input = next_input_ ? std::move(*next_input_) : shot_.input(frame);
       substeps_ = static_cast<int>(input.substeps());
       next_input_.reset();
-      if (frame < written_.second) {
+      if (frame < written_.second && !saves) {
         next_input_ = shot_.input(frame + 1);
         solver_->expect(*next_input_);
       }
@@ -289,11 +317,14 @@ class Bake {
       if (wanted != nullptr) figures = solver_->measure_at_start(shot_.spheres(frame));
     }
     end_pending();
+    simulated_ = frame;
     if (const auto bad = solver_->find_non_finite()) throw trace(frame, *bad);
+    if (saves) save_state();
     if (!needed) return;
     if (velocity_) std::swap(positions_[kBefore], positions_[kNow]);
     std::swap(positions_[kNow], positions_[kNext]);
-    if (frame >= written_.first) begin(frame, figures);
+    if (checked) check_last_kept();
+    if (frame >= next_frame_) begin(frame, figures);
   }
 
   // Writes the frame of the last advance_to().
@@ -306,9 +337,11 @@ class Bake {
 
   void finish() {
     writer_->finish();
+    state_->remove();
   }
-  // Ends early; the frames that were written stay.
-  void close() {
+  // Ends early; the frames that were written stay. `resumable`: with the state after the last of them.
+  void close(bool resumable) {
+    if (resumable && checkpoint_seconds_ > 0 && simulated_ && device_solver() == nullptr) save_state();
     writer_->close();
   }
 
@@ -334,6 +367,71 @@ class Bake {
   enum { kNext, kNow, kBefore };
   std::span<Eigen::Vector3f> positions(int place) const {
     return {positions_[place].data(), vertex_count_};
+  }
+
+  // Whether the frames of a .part are the first of those that are asked for, and within the limits.
+  void check_kept(const std::string& part) {
+    kept_.emplace(part);
+    const std::size_t count = kept_->frame_count();
+    const int first = kept_->frame_number(0), last = kept_->frame_number(count - 1);
+    if (first != written_.first || last > written_.second) {
+      throw InputError(
+          fmt::format("{}: cannot be resumed: it holds frames {} to {}, but {} to {} are asked for; "
+                      "without --resume, --force starts anew",
+                      part, first, last, written_.first, written_.second));
+    }
+    for (std::size_t k = 0; k < count; ++k)
+      if (const auto stats = kept_->stats(k)) note_excess(kept_->frame_number(k), *stats);
+  }
+
+  // The same bake makes the same numbers, so they tell whether this is the same bake: a device that does not divide
+  // exactly, for one, is not.
+  void check_last_kept() {
+    const std::size_t last = kept_->frame_count() - 1;
+    const std::size_t block = kept_->block_vertices();
+    std::vector<Eigen::Vector3f> there(block);
+    for (std::size_t first = 0; first < vertex_count_; first += block) {
+      const std::span<Eigen::Vector3f> stored(there.data(), std::min(block, vertex_count_ - first));
+      kept_->read_position(last, first, stored);
+      const auto now = std::span<const Eigen::Vector3f>(positions(kNow)).subspan(first, stored.size());
+      const bool is_same = std::equal(stored.begin(), stored.end(), now.begin(), [&](const auto& a, const auto& b) {
+        const auto rounded = [&](float x) { return round_to_precision(x, scene().cache.precision); };
+        return a == b.unaryExpr(rounded);
+      });
+      if (!is_same) {
+        throw InputError(
+            fmt::format("frame {} of the .part is not what is baked here; take the program and the backend "
+                        "that made it, or start anew with --force, without --resume",
+                        kept_->frame_number(last)));
+      }
+    }
+    kept_.reset();
+  }
+
+  // The state after the frame that was simulated last. It counts as soon as that frame is in the file.
+  void save_state() {
+    try {
+      state_->write(*simulated_, [this](const Solver::Sink& out) { solver_->save(out); });
+      saved_ = *simulated_;
+    } catch (const DiskError& error) {
+      // The bake goes on without it, and fails by itself where the disk is full.
+      checkpoint_seconds_ = 0;
+      events_.warning(fmt::format("{}; a bake that is resumed will simulate from the start", error.what()));
+    }
+    last_saved_ = Clock::now();
+    commit_state();
+  }
+  void commit_state() {
+    if (!saved_ || *saved_ >= next_frame_) return;
+    state_->commit();
+    saved_.reset();
+  }
+
+  void note_excess(int frame, const FrameStats& stats) {
+    for (const Limit& limit : limits_) {
+      const float value = stats.*limit.figure->what;
+      if (!excess_ && value > limit.most) excess_ = {frame, limit, value};
+    }
   }
 
   void begin(int frame, const Figures& figures) {
@@ -382,15 +480,15 @@ class Bake {
   void end_pending() {
     if (!pending_) return;
     writer_->end();
+    next_frame_ = pending_->number + 1;
+    commit_state();
     on_frame_(pending_->number, pending_->stats);
-    for (const Limit& limit : limits_) {
-      const float value = pending_->stats.*limit.figure->what;
-      if (!excess_ && value > limit.most) excess_ = {pending_->number, limit, value};
-    }
+    note_excess(pending_->number, pending_->stats);
     pending_.reset();
   }
 
   Shot shot_;
+  const Events& events_;
   std::pair<int, int> written_;
   int threads_;
   bool velocity_;
@@ -401,6 +499,15 @@ class Bake {
   std::vector<Limit> limits_;
   std::optional<Excess> excess_;
   std::optional<CacheWriter> writer_;
+  std::optional<CacheReader> kept_;  // the frames that were there before, until the last of them is checked
+  int next_frame_ = 0;
+  int start_frame_ = 0;
+  bool is_loaded_ = false;
+  std::optional<BakeStateFile> state_;
+  double checkpoint_seconds_;
+  Clock::time_point last_saved_ = Clock::now();
+  std::optional<int> simulated_;  // the last frame that was
+  std::optional<int> saved_;      // frame of a state that does not count yet
   std::string made_by_;
   std::optional<FrameInput> next_input_;
   int substeps_ = 0;  // of the last advance_to()
@@ -447,16 +554,17 @@ int run_bake(BakeOptions options) {
         kDisk, fmt::format("{}: there is a file of this name already; --force replaces it", options.output.string()));
   }
   const std::string part = options.output.string() + ".part";
-  if (!options.force && std::filesystem::exists(part)) {
-    return events.failed(kDisk, fmt::format("{}: an unfinished bake lies there; --force replaces it", part));
+  if (!options.force && !options.resume && std::filesystem::exists(part)) {
+    return events.failed(
+        kDisk, fmt::format("{}: an unfinished bake lies there; --resume goes on with it, --force replaces it", part));
   }
 
   std::signal(SIGINT, request_stop);
   std::signal(SIGTERM, request_stop);
   Progress* progress = nullptr;
-  const int first = shot.scene.first_frame - shot.scene.bake.preroll;
+  int first = 0;
   const auto show_progress = [&](int frame, const std::string& note) {
-    progress->update(static_cast<std::size_t>(frame) - static_cast<std::size_t>(first) + 1, note);
+    progress->update(static_cast<std::size_t>(frame - first + 1), note);
   };
   const bool stats = wants_stats(shot.scene, options);
   const Shot::Substeps substeps = shot.count_substeps(written.second);
@@ -470,17 +578,26 @@ int run_bake(BakeOptions options) {
     events.emit(event);
     show_progress(frame, fmt::format("frame {}", frame));
   });
+  first = bake.start_frame();
+  const int kept = bake.next_frame() - written.first;
   events.emit({{"event", "start"},
                {"version", STRANDBAKE_VERSION},
                {"output", options.output.string()},
                {"first_frame", written.first},
                {"last_frame", written.second},
                {"simulated_from", first},
+               {"kept_frames", kept},
                {"substeps", {{"least", substeps.least}, {"most", substeps.most}, {"total", substeps.total}}},
                {"vertices", bake.vertex_count()},
                {"solver", bake.made_by()},
                {"threads", options.threads}});
-  if (written.first > bake.scene().first_frame && !options.quiet && !options.json) {
+  if (kept > 0 && !options.quiet && !options.json) {
+    fmt::print(stderr, "resuming after frame {}{}\n", bake.next_frame() - 1,
+               first == bake.next_frame() ? ": no frame is left"
+               : bake.starts_from_state()
+                   ? fmt::format(", from the state after frame {}", first)
+                   : fmt::format(": simulating from frame {} on again, as no state was kept", first));
+  } else if (written.first > bake.scene().first_frame && !options.quiet && !options.json) {
     fmt::print(stderr, "simulating frames {} to {} first: frame {} grows out of them\n", bake.scene().first_frame,
                written.first - 1, written.first);
   }
@@ -494,10 +611,11 @@ int run_bake(BakeOptions options) {
     Progress shown(options.json ? Progress::Style::Silent : Progress::choose(options.quiet),
                    static_cast<std::size_t>(written.second - first + 1), "baking");
     progress = &shown;
-    for (int frame = first; frame <= written.second; ++frame) {
+    for (int frame = first; frame <= written.second && !bake.excess(); ++frame) {
       if (stop_requested) {
         bake.write_last();
         failure = {kInterrupted, fmt::format("interrupted before frame {}; {}", frame, left_behind(frame))};
+        if (bake.next_frame() > written.first) failure->second += ", --resume goes on";
         break;
       }
       try {
@@ -515,7 +633,6 @@ int run_bake(BakeOptions options) {
         failure = {kDevice, fmt::format("frame {}: {}; {}", frame, error.what(), left_behind(frame))};
         break;
       }
-      if (bake.excess()) break;
       if (frame < written.first) show_progress(frame, "before the first frame");
     }
     if (!failure && !bake.excess()) bake.write_last();
@@ -536,7 +653,7 @@ int run_bake(BakeOptions options) {
                                        excess->limit.most, figure.what_helps, part)};
   }
   if (failure) {
-    bake.close();
+    bake.close(failure->first == kInterrupted);
     return events.failed(failure->first, failure->second);
   }
   const double elapsed = seconds_since(start);
@@ -608,6 +725,16 @@ Verb add_bake(CLI::App& app) {
         return {};
       });
   app.add_flag("--force", options->force, "Replace an existing cache");
+  app.add_flag(
+      "--resume", options->resume,
+      "Go on with the .part that an interrupted bake of the same scene has left, to the same bytes; without one, "
+      "start from the beginning");
+  app.add_option("--checkpoint", options->checkpoint,
+                 "Keep the state of the solver beside the .part so often, in seconds, for --resume; 0: never, and a "
+                 "bake that is resumed simulates from the start")
+      ->type_name("SECONDS")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
   app.add_flag("--quiet", options->quiet, "No progress and no summary");
   auto* const json = app.add_flag("--json", options->json, "One JSON object a line on stdout for each event");
   app.add_flag("--dry-run", options->dry_run, "Say what would be run, with memory and disk, and stop")->excludes(json);

@@ -64,10 +64,18 @@ struct CacheFrame {
 // A frame is written in three steps, so that the threads of a solver can do most of it: begin(), work(), end().
 class CacheWriter {
  public:
-  CacheWriter(const std::filesystem::path& path, const CacheHeader& header, const CacheOptions& options);
+  // What becomes of a .part that is there already. Resume goes on with it, to the bytes of a file that was written in
+  // one go; a .part that a killed program had not begun yet counts as none. Throws InputError where header or options
+  // are not those that it was begun with, or it is damaged.
+  enum class Existing { Replace, Resume };
+  CacheWriter(const std::filesystem::path& path, const CacheHeader& header, const CacheOptions& options,
+              Existing existing = Existing::Replace);
   ~CacheWriter();
   CacheWriter(const CacheWriter&) = delete;
   CacheWriter& operator=(const CacheWriter&) = delete;
+
+  // That are in the file.
+  std::size_t frame_count() const;
 
   // The frame, and what it refers to, must stay until end(), which is the first to look at its statistics.
   void begin(const CacheFrame& frame);
@@ -93,6 +101,9 @@ class CacheWriter {
   std::unique_ptr<Impl> impl_;
 };
 
+// Whether there is a .part of this cache that a writer can go on with.
+bool has_begun(const std::filesystem::path& path);
+
 // Opens a cache or a .part. Throws InputError for anything that is not one, is damaged, or is of a newer format
 // version.
 class CacheReader {
@@ -116,6 +127,10 @@ class CacheReader {
   void read_position(std::size_t index, std::span<Eigen::Vector3f> out) const;
   // Vertices from `first` on. Any number of threads may read at once, also from several caches.
   void read_position(std::size_t index, std::size_t first, std::span<Eigen::Vector3f> out) const;
+  // Packed bytes of the chunk of a frame that begins with vertex `first`, and how many there are.
+  enum class Vectors { Position, Velocity };
+  std::size_t packed_bytes(Vectors which, std::size_t index, std::size_t first) const;
+  std::vector<std::byte> read_packed(Vectors which, std::size_t index, std::size_t first) const;
   // Vertices that are packed together: block b holds those from b * block_vertices() on. Reading by whole blocks
   // unpacks nothing twice.
   std::size_t block_vertices() const;

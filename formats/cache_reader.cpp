@@ -325,6 +325,19 @@ int deflate_level(hid_t dataset) {
   return static_cast<int>(std::clamp(level[0], 0U, 9U));
 }
 
+// Changes with every write to a file.
+struct FileMoment {
+  std::uint64_t size = 0;
+  std::filesystem::file_time_type time;
+
+  explicit FileMoment(const std::filesystem::path& path) {
+    std::error_code ignored;
+    size = std::filesystem::file_size(path, ignored);
+    time = std::filesystem::last_write_time(path, ignored);
+  }
+  bool operator==(const FileMoment&) const = default;
+};
+
 }  // namespace
 
 struct CacheReader::Impl {
@@ -513,16 +526,22 @@ struct CacheReader::Impl {
 
 CacheReader::CacheReader(const std::filesystem::path& path) {
   const QuietHdf5 quiet;
-  auto impl = std::make_unique<Impl>();
-  impl->path = path.string();
-  try {
-    impl->open(path);
-  } catch (const InputError& fault) {
-    throw InputError(fmt::format("{}: {}", path.string(), fault.what()));
-  } catch (const std::bad_alloc&) {
-    throw InputError(fmt::format("{}: needs more memory than there is", path.string()));
+  // A bake in progress may commit a frame between two looks at its file, which do not fit together then.
+  constexpr int kLooks = 50;
+  for (int look = 1; impl_ == nullptr; ++look) {
+    const FileMoment before(path);
+    auto impl = std::make_unique<Impl>();
+    impl->path = path.string();
+    try {
+      impl->open(path);
+      impl_ = std::move(impl);
+    } catch (const InputError& fault) {
+      if (look == kLooks || before == FileMoment(path))
+        throw InputError(fmt::format("{}: {}", path.string(), fault.what()));
+    } catch (const std::bad_alloc&) {
+      throw InputError(fmt::format("{}: needs more memory than there is", path.string()));
+    }
   }
-  impl_ = std::move(impl);
 }
 
 CacheReader::~CacheReader() = default;
@@ -580,6 +599,31 @@ std::size_t CacheReader::block_vertices() const {
   constexpr hsize_t kUnpacked = 16384;  // where nothing is packed, any number will do
   const Dims& chunk = impl_->position.chunk;
   return static_cast<std::size_t>(std::min<hsize_t>(chunk.empty() ? kUnpacked : chunk[1], vertex_count()));
+}
+
+std::size_t CacheReader::packed_bytes(Vectors which, std::size_t index, std::size_t first) const {
+  impl_->check(index);
+  const Dataset& set = which == Vectors::Position ? impl_->position : impl_->velocity;
+  const std::lock_guard lock(hdf5_mutex);
+  const QuietHdf5 quiet;
+  const std::array<hsize_t, 3> corner = {index, first, 0};
+  hsize_t stored = 0;
+  if (set.chunk.empty() || H5Dget_chunk_storage_size(set.id, corner.data(), &stored) < 0 || stored == 0 ||
+      stored > set.stored)
+    throw InputError(fmt::format("{}: is damaged: {} lacks a part of row {}", impl_->path, set.name, index));
+  return stored;
+}
+
+std::vector<std::byte> CacheReader::read_packed(Vectors which, std::size_t index, std::size_t first) const {
+  std::vector<std::byte> bytes(packed_bytes(which, index, first));
+  const Dataset& set = which == Vectors::Position ? impl_->position : impl_->velocity;
+  const std::lock_guard lock(hdf5_mutex);
+  const QuietHdf5 quiet;
+  const std::array<hsize_t, 3> corner = {index, first, 0};
+  std::uint32_t skipped = 0;
+  if (H5Dread_chunk(set.id, H5P_DEFAULT, corner.data(), &skipped, bytes.data()) < 0)
+    throw InputError(fmt::format("{}: is damaged: {} cannot be read: {}", impl_->path, set.name, hdf5_error()));
+  return bytes;
 }
 
 void CacheReader::read_position(std::size_t index, std::size_t first, std::span<Eigen::Vector3f> out) const {

@@ -11,6 +11,7 @@
 #include <condition_variable>
 #include <cstring>
 #include <exception>
+#include <fstream>
 #include <limits>
 #include <mutex>
 #include <numeric>
@@ -340,6 +341,35 @@ void check(const CacheHeader& header, const CacheOptions& options) {
   need(options.threads >= 1, "at least one thread");
 }
 
+// What keeps a .part from being gone on with.
+void require_same(const CacheHeader& header, const CacheOptions& options, const CacheReader& old) {
+  const CacheHeader& found = old.header();
+  const auto expect = [](const std::string& what, const std::string& was, const std::string& is) {
+    if (was != is) throw InputError(fmt::format("{} was {}, and is {} now", what, was, is));
+  };
+  const auto expect_names = [&](const char* kind, const auto& was, const auto& is) {
+    for (std::size_t k = 0; k < std::min(was.size(), is.size()); ++k)
+      expect(fmt::format("{} {}", kind, k + 1), was[k].first, is[k].first);
+    expect(fmt::format("the number of {}s", kind), std::to_string(was.size()), std::to_string(is.size()));
+  };
+  expect("the version", found.program_version, header.program_version);
+  expect_names("input", found.inputs, header.inputs);
+  for (std::size_t k = 0; k < header.inputs.size(); ++k)
+    if (found.inputs[k] != header.inputs[k])
+      throw InputError(fmt::format("the input {} has changed", header.inputs[k].first));
+  expect_names("parameter", found.parameters, header.parameters);
+  for (std::size_t k = 0; k < header.parameters.size(); ++k)
+    expect(header.parameters[k].first, found.parameters[k].second, header.parameters[k].second);
+  const bool same_groom = found.offset == header.offset && found.region == header.region &&
+                          found.region_names == header.region_names && found.root_uv == header.root_uv &&
+                          found.rest_position == header.rest_position && found.fps == header.fps;
+  const CacheOptions& stored = old.options();
+  if (!same_groom || stored.precision != options.precision || stored.velocity != options.velocity ||
+      stored.stats != options.stats || (stored.deflate == 0) != (options.deflate == 0))
+    throw InputError("groom or cache settings were others");
+  if (found.scene_text != header.scene_text) throw InputError("the text of the scene was another");
+}
+
 void sync_folder(const std::filesystem::path& file) {
   const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
   const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
@@ -371,7 +401,7 @@ struct CacheWriter::Impl {
   std::string failure;  // why nothing more can be written
 
   Impl(const std::filesystem::path& final_path, std::filesystem::path part_path, const CacheHeader& header,
-       const CacheOptions& cache_options)
+       const CacheOptions& cache_options, bool resume)
       : path(final_path),
         part(std::move(part_path)),
         options(cache_options),
@@ -381,7 +411,7 @@ struct CacheWriter::Impl {
               [this](const Vectors& vectors, std::size_t first, std::span<const std::uint8_t> bytes) {
                 write_chunk(vectors, first, bytes);
               }),
-        disk(part) {}
+        disk(part, resume) {}
 
   Dims chunk_dims(bool frame) const {
     const Dims dims = {1, queue.chunk_vertices(), 3};
@@ -506,6 +536,10 @@ struct CacheWriter::Impl {
 
   void append(const CacheFrame& frame) {
     write_chunks();
+    append_figures(frame);
+  }
+
+  void append_figures(const CacheFrame& frame) {
     if (options.stats) {
       append_small(stretch, H5T_NATIVE_FLOAT, &frame.stats.largest_stretch);
       append_small(residual, H5T_NATIVE_FLOAT, &frame.stats.residual);
@@ -518,6 +552,47 @@ struct CacheWriter::Impl {
     append_small(number, H5T_NATIVE_INT, &frame.number);
     flush();
     ++frames;
+  }
+
+  // Repeats what has led to the .part up to its last whole frame: see CommitFile::end_replay().
+  void replay(const CacheHeader& header, const CacheReader& old) {
+    create(header);
+    disk.set_raw_is_there(true);
+    std::vector<std::byte> any;
+    const auto repeat = [&](hid_t dataset, CacheReader::Vectors which, std::size_t index) {
+      const std::array<hsize_t, 3> dims = {index + 1, vertices, 3};
+      require(H5Dset_extent(dataset, dims.data()) >= 0);
+      for (std::size_t first = 0; first < vertices; first += queue.chunk_vertices()) {
+        const std::array<hsize_t, 3> corner = {index, first, 0};
+        const std::size_t size = old.packed_bytes(which, index, first);
+        any.resize(std::max(any.size(), size));
+        require(H5Dwrite_chunk(dataset, H5P_DEFAULT, 0, corner.data(), size, any.data()) >= 0);
+      }
+    };
+    for (std::size_t index = 0; index < old.frame_count(); ++index) {
+      repeat(position, CacheReader::Vectors::Position, index);
+      if (options.velocity) repeat(velocity, CacheReader::Vectors::Velocity, index);
+      CacheFrame frame;
+      frame.number = old.frame_number(index);
+      frame.time = old.frame_time(index);
+      frame.head = old.head(index);
+      frame.stats = old.stats(index).value_or(FrameStats());
+      append_figures(frame);
+    }
+    // Another HDF5 might lay a file out in another way.
+    if (frames > 0) {
+      for (std::size_t first = 0; first < vertices; first += queue.chunk_vertices()) {
+        const std::array<hsize_t, 3> corner = {frames - 1, first, 0};
+        const std::vector<std::byte> there = old.read_packed(CacheReader::Vectors::Position, frames - 1, first);
+        std::uint32_t skipped = 0;
+        any.resize(std::max(any.size(), there.size()));
+        if (H5Dread_chunk(position, H5P_DEFAULT, corner.data(), &skipped, any.data()) < 0 ||
+            !std::equal(there.begin(), there.end(), any.begin()))
+          throw InputError("it was not laid out by this program");
+      }
+    }
+    disk.end_replay();
+    require_disk();
   }
 
   void close_file() {
@@ -637,6 +712,14 @@ struct CacheWriter::Impl {
     return file >= 0;
   }
 
+  // Nobody would find what is written to a file without a name, and under that name there may be another.
+  void require_name() {
+    if (disk.is_named(part)) return;
+    disk.abandon();
+    failure = fmt::format("{}: was removed or replaced while it was written; bake again", part.string());
+    throw DiskError(failure);
+  }
+
   // Runs a step that writes. Whatever goes wrong, nothing of the step reaches the file, and nothing after it.
   template <class Step>
   void attempt(const std::string& deed, Step step) {
@@ -657,7 +740,16 @@ struct CacheWriter::Impl {
   }
 };
 
-CacheWriter::CacheWriter(const std::filesystem::path& path, const CacheHeader& header, const CacheOptions& options) {
+bool has_begun(const std::filesystem::path& path) {
+  std::filesystem::path part = path;
+  part += ".part";
+  std::array<char, 4> start = {};
+  std::ifstream file(part, std::ios::binary);
+  return file.read(start.data(), start.size()) && start != std::array<char, 4>{};
+}
+
+CacheWriter::CacheWriter(const std::filesystem::path& path, const CacheHeader& header, const CacheOptions& options,
+                         Existing existing) {
   check(header, options);
   std::error_code ignored;
   if (std::filesystem::is_directory(path, ignored) || !path.has_filename())
@@ -666,7 +758,28 @@ CacheWriter::CacheWriter(const std::filesystem::path& path, const CacheHeader& h
     throw DiskError(fmt::format("{}: there is no folder {}; create it", path.string(), path.parent_path().string()));
   std::filesystem::path part = path;
   part += ".part";
-  impl_ = std::make_unique<Impl>(path, part, header, options);
+  const bool resume = existing == Existing::Resume && has_begun(path);
+  impl_ = std::make_unique<Impl>(path, part, header, options, resume);
+  if (resume) {
+    try {
+      const CacheReader old(part);
+      require_same(header, options, old);
+      impl_->attempt("be gone on with", [&] { impl_->replay(header, old); });
+    } catch (const InputError& error) {
+      const std::string name = part.string() + ": ";
+      const std::string what = error.what();
+      impl_->disk.abandon();
+      const QuietHdf5 quiet;
+      impl_.reset();
+      throw InputError(fmt::format("{}cannot be resumed: {}; without --resume, --force starts anew", name,
+                                   what.starts_with(name) ? what.substr(name.size()) : what));
+    } catch (...) {
+      const QuietHdf5 quiet;
+      impl_.reset();
+      throw;
+    }
+    return;
+  }
   try {
     impl_->attempt("be created", [&] { impl_->create(header); });
   } catch (...) {
@@ -694,9 +807,14 @@ CacheWriter::~CacheWriter() {
   impl_.reset();
 }
 
+std::size_t CacheWriter::frame_count() const {
+  return impl_->frames;
+}
+
 void CacheWriter::begin(const CacheFrame& frame) {
   if (!impl_->failure.empty()) throw DiskError(impl_->failure);
   if (!impl_->open()) throw std::logic_error("cache: a frame after finish() or close()");
+  impl_->require_name();
   if (impl_->begun != nullptr) throw std::logic_error("cache: a frame before the last one was ended");
   if (frame.position.size() != impl_->vertices)
     throw std::invalid_argument("cache: a position for each vertex is needed");
@@ -732,6 +850,7 @@ void CacheWriter::finish() {
   if (!impl_->failure.empty()) throw DiskError(impl_->failure);
   if (!impl_->open()) throw std::logic_error("cache: finish() after finish() or close()");
   if (impl_->begun != nullptr) throw std::logic_error("cache: finish() before the last frame was ended");
+  impl_->require_name();
   impl_->attempt("be finished", [&] {
     impl_->write_vtk_view();
     impl_->mark_complete();

@@ -51,7 +51,7 @@ struct CommitFile::Driver {
     auto* driver = new (std::nothrow) Driver{};
     if (driver == nullptr) return nullptr;
     std::memcpy(&driver->file, info, sizeof driver->file);
-    driver->file->truncate(0);
+    if (!driver->file->replays_) driver->file->truncate(0);
     return &driver->base;
   }
   static herr_t close(H5FD_t* handle) {
@@ -104,14 +104,15 @@ struct CommitFile::Driver {
   }
 };
 
-CommitFile::CommitFile(const std::filesystem::path& path) {
+CommitFile::CommitFile(const std::filesystem::path& path, bool resume) : replays_(resume) {
+  const std::string deed = resume ? "opened" : "created";
   while (true) {
-    descriptor_ = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0666);
-    if (descriptor_ < 0) throw DiskError(fmt::format("{}: cannot be created: {}", path.string(), reason(errno)));
+    descriptor_ = ::open(path.c_str(), O_RDWR | (resume ? 0 : O_CREAT) | O_CLOEXEC | O_NONBLOCK, 0666);
+    if (descriptor_ < 0) throw DiskError(fmt::format("{}: cannot be {}: {}", path.string(), deed, reason(errno)));
     std::string fault;
     struct stat status = {};
     if (::fstat(descriptor_, &status) != 0) {
-      fault = "cannot be created: " + reason(errno);
+      fault = fmt::format("cannot be {}: {}", deed, reason(errno));
     } else if (!S_ISREG(status.st_mode)) {
       fault = "is not a regular file; choose another output";
     } else if (!lock(descriptor_)) {
@@ -141,6 +142,11 @@ Hdf5List CommitFile::access_list() {
 
 void CommitFile::abandon() {
   fail(ECANCELED);
+}
+
+bool CommitFile::is_named(const std::filesystem::path& path) const {
+  struct stat status = {};
+  return ::fstat(descriptor_, &status) == 0 && names(path, status);
 }
 
 void CommitFile::sync() {
@@ -183,22 +189,61 @@ void CommitFile::send() {
 }
 
 void CommitFile::write(H5FD_mem_t type, std::uint64_t address, const void* bytes, std::size_t size) {
-  if (type == H5FD_MEM_DRAW) {
+  const bool is_raw = type == H5FD_MEM_DRAW;
+  // What lay there before is gone.
+  if (is_raw || replays_) forget(address, size);
+  if (is_raw && !replays_) {
     put(address, bytes, size);
     return send();
   }
+  if (is_raw && raw_is_there_) return;
   // An entry is rewritten as a whole. Should HDF5 reuse the place of another, that one has to go first.
-  auto after = held_.lower_bound(address);
+  const auto after = held_.lower_bound(address);
   const bool meets_next = after != held_.end() && after->first < address + size &&
                           (after->first != address || after->second.bytes.size() != size);
   const bool meets_last =
       after != held_.begin() && std::prev(after)->first + std::prev(after)->second.bytes.size() > address;
   if (meets_next || meets_last) commit();
+  hold(type, address, bytes, size);
+}
+
+void CommitFile::hold(H5FD_mem_t type, std::uint64_t address, const void* bytes, std::size_t size) {
   try {
     const auto* first = static_cast<const std::byte*>(bytes);
     held_.insert_or_assign(address, Held{type, {first, first + size}});
   } catch (const std::bad_alloc&) {
     fail(ENOMEM);
+  }
+}
+
+// Takes a place out of what is held.
+void CommitFile::forget(std::uint64_t address, std::size_t size) {
+  const std::uint64_t end = address + size;
+  auto entry = held_.lower_bound(address);
+  if (entry != held_.begin() && std::prev(entry)->first + std::prev(entry)->second.bytes.size() > address) --entry;
+  while (entry != held_.end() && entry->first < end) {
+    const std::uint64_t start = entry->first;
+    const Held held = std::move(entry->second);
+    entry = held_.erase(entry);
+    const std::uint64_t stop = start + held.bytes.size();
+    if (start < address) hold(held.type, start, held.bytes.data(), address - start);
+    if (stop > end) hold(held.type, end, held.bytes.data() + (end - start), stop - end);
+  }
+}
+
+void CommitFile::end_replay() {
+  struct stat status = {};
+  if (::fstat(descriptor_, &status) != 0) return fail(errno);
+  size_ = sent_ = static_cast<std::uint64_t>(status.st_size);
+  replays_ = raw_is_there_ = false;
+  // The small data sets. On disk they may hold a part of the frame that was never committed.
+  for (auto entry = held_.begin(); entry != held_.end();) {
+    if (entry->second.type == H5FD_MEM_DRAW) {
+      put(entry->first, entry->second.bytes.data(), entry->second.bytes.size());
+      entry = held_.erase(entry);
+    } else {
+      ++entry;
+    }
   }
 }
 
@@ -226,15 +271,21 @@ bool CommitFile::read(std::uint64_t address, void* bytes, std::size_t size) {
 
 // Each write below leaves a file that stock HDF5 opens, with the old frames or with the new one too:
 //   1. what lies beyond the last commit: nothing names it yet;
-//   2. the superblock: its end of file covers 1;
+//   2. the superblock: its end of file covers 1, and before the first commit there is none;
 //   3. old nodes of the chunk trees, upper levels first: when a node was split, its parent names both halves before the
 //      old half loses its second part, and a root that moves down is replaced in a single write;
 //   4. the rest, by address: the object headers, which hold the dimensions. /frames/number is made last and so comes
 //   last.
 void CommitFile::commit() {
   if (error_ != 0) return;  // HDF5 goes on reading what is held
+  if (replays_) {
+    forget(allocated_, std::numeric_limits<std::uint64_t>::max() - allocated_);
+    committed_ = allocated_;
+    return;
+  }
   const auto rank = [this](std::uint64_t address, const Held& held) {
-    if (address >= committed_) return 0;
+    // The first commit makes a file of it with its last write.
+    if (address >= committed_) return committed_ == 0 && held.type == H5FD_MEM_SUPER ? 1 : 0;
     if (held.type == H5FD_MEM_SUPER) return 1;
     // A tree node starts with "TREE", its kind and its level.
     if (held.type == H5FD_MEM_BTREE && held.bytes.size() > 5 && std::memcmp(held.bytes.data(), "TREE", 4) == 0)

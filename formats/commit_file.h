@@ -21,8 +21,9 @@ namespace strandbake {
 
 class CommitFile {
  public:
-  // Creates the file or takes over one that no living writer holds. Throws DiskError.
-  explicit CommitFile(const std::filesystem::path& path);
+  // Creates the file or takes over one that no living writer holds. Throws DiskError. `resume`: it must exist and keeps
+  // what it holds, see below.
+  explicit CommitFile(const std::filesystem::path& path, bool resume = false);
   ~CommitFile();
   CommitFile(const CommitFile&) = delete;
   CommitFile& operator=(const CommitFile&) = delete;
@@ -33,8 +34,16 @@ class CommitFile {
   int error() const { return error_; }
   // Drops everything that was not committed, now and later.
   void abandon();
+  // Whether the file still goes by this name.
+  bool is_named(const std::filesystem::path& path) const;
   // Brings the bytes to the device; a failure shows in error().
   void sync();
+
+  // To go on with a file, its writer repeats all calls that made it, commit by commit: as the same calls put the same
+  // bytes in the same places, nothing has to be written, and HDF5 ends up as it was. Metadata is held back until the
+  // next commit, which writes it again; while `is_there` is set, raw data is taken for what the file has. This ends it.
+  void end_replay();
+  void set_raw_is_there(bool is_there) { raw_is_there_ = is_there; }
 
  private:
   struct Driver;  // the callbacks, and HDF5's part of an open file
@@ -46,6 +55,8 @@ class CommitFile {
   void truncate(std::uint64_t size);
   void put(std::uint64_t address, const void* bytes, std::size_t size);
   void write(H5FD_mem_t type, std::uint64_t address, const void* bytes, std::size_t size);
+  void hold(H5FD_mem_t type, std::uint64_t address, const void* bytes, std::size_t size);
+  void forget(std::uint64_t address, std::size_t size);
   void send();
   bool read(std::uint64_t address, void* bytes, std::size_t size);
   void commit();
@@ -53,6 +64,8 @@ class CommitFile {
 
   int descriptor_ = -1;
   int error_ = 0;
+  bool replays_ = false;
+  bool raw_is_there_ = false;
   std::uint64_t allocated_ = 0;         // HDF5's end of the address space
   std::uint64_t committed_ = 0;         // the same at the last commit: nothing on disk names a place beyond
   std::uint64_t size_ = 0;              // of the file on disk

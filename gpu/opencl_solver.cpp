@@ -16,6 +16,7 @@
 #include "gpu/program.h"
 #include "sim/large_array.h"
 #include "sim/parallel.h"
+#include "sim/solver_state.h"
 #include "sim/strand_blocks.h"
 
 namespace strandbake {
@@ -80,6 +81,8 @@ class Implementation final : public OpenCLSolver {
   void read(std::span<Eigen::Vector3f> out) const override { read_as(out); }
   void read(std::span<Eigen::Vector3d> out) const override { read_as(out); }
   std::optional<NonFinite> find_non_finite() const override { return non_finite_; }
+  void save(const Sink& out) const override;
+  void load(const Source& in) override;
   std::size_t state_bytes() const override { return numbers_ * sizeof(Scalar); }
   WorkCount work() const override { return {}; }
   OpenCLReport report() const override { return report_; }
@@ -127,6 +130,13 @@ class Implementation final : public OpenCLSolver {
   void run_batches(cl_uint substeps);
   template <class Out>
   void read_as(std::span<Out> out) const;
+  // Regions whose blocks hold scratch: work-items by vertices have theirs in the memory that a group shares.
+  std::vector<bool> scratch() const {
+    std::vector<bool> regions;
+    for (const Mapping mapping : mapping_) regions.push_back(mapping == Mapping::Strands);
+    return regions;
+  }
+  void fetch_state(LargeArray<Scalar>& home) const;
   void run_frame(const FrameInput& input, std::span<Eigen::Vector3f> out, Figures* figures, const Alongside& alongside);
   void take_landed(std::span<Eigen::Vector3f> out) const;
   void find_non_finite_in(std::span<const Eigen::Vector3f> positions);
@@ -409,11 +419,9 @@ Implementation<Scalar>::Implementation(const Groom& groom, const Plan& plan, con
   }
   choose_width(groom);
   strands_.emplace(groom, plan, report_.strands_in_a_block, options.threads, options.skip);
-  std::vector<bool> scratch;  // work-items by vertices have theirs in the memory that a group shares
-  for (const Mapping mapping : mapping_) scratch.push_back(mapping == Mapping::Strands);
-  numbers_ = strands_->lay_out(plan, scratch, nullptr);
+  numbers_ = strands_->lay_out(plan, scratch(), nullptr);
   host_state_ = LargeArray<Scalar>(numbers_);
-  strands_->lay_out(plan, scratch, host_state_.data());
+  strands_->lay_out(plan, scratch(), host_state_.data());
   origin_.emplace(strands_->center, head);
   rest_weight_ = head.linear().transpose() * plan.gravity_at_rest;
   const HeadTurn<Scalar> start(head);
@@ -833,6 +841,44 @@ void Implementation<Scalar>::take_landed(std::span<Eigen::Vector3f> out) const {
 #pragma omp parallel for num_threads(options_.threads)
   for (std::ptrdiff_t v = 0; v < static_cast<std::ptrdiff_t>(out.size()); ++v) {
     out[static_cast<std::size_t>(v)] = landed_[v];
+  }
+}
+
+// The state on the host: `home`, or where it is kept anyway.
+template <class Scalar>
+void Implementation<Scalar>::fetch_state(LargeArray<Scalar>& home) const {
+  if (started_) throw std::logic_error("the device is at work on the next frame already");
+  if (report_.streamed) return;
+  home = LargeArray<Scalar>(numbers_);
+  for (const Batch& batch : batches_) {
+    check_opencl(cl_.EnqueueReadBuffer(compute_.get(), batch.state.get(), CL_TRUE, 0, batch.numbers * sizeof(Scalar),
+                                       home.data() + batch.first_number, 0, nullptr, nullptr),
+                 "hand back data");
+  }
+}
+
+template <class Scalar>
+void Implementation<Scalar>::save(const Sink& out) const {
+  LargeArray<Scalar> home;
+  fetch_state(home);
+  StrandBlocks<Scalar> blocks = *strands_;
+  blocks.lay_out(plan_, scratch(), report_.streamed ? host_state_.data() : home.data());
+  save_state(blocks, offset_, swapped_, *origin_, substep_before_, out);
+}
+
+template <class Scalar>
+void Implementation<Scalar>::load(const Source& in) {
+  LargeArray<Scalar> home;
+  fetch_state(home);
+  StrandBlocks<Scalar> blocks = *strands_;
+  blocks.lay_out(plan_, scratch(), report_.streamed ? host_state_.data() : home.data());
+  substep_before_ = load_state(blocks, offset_, *origin_, in);
+  swapped_ = false;
+  if (report_.streamed) return;
+  for (const Batch& batch : batches_) {
+    check_opencl(cl_.EnqueueWriteBuffer(compute_.get(), batch.state.get(), CL_TRUE, 0, batch.numbers * sizeof(Scalar),
+                                        home.data() + batch.first_number, 0, nullptr, nullptr),
+                 "take data");
   }
 }
 

@@ -17,6 +17,7 @@
 #include "sim/parallel.h"
 #include "sim/plan.h"
 #include "sim/solver.h"
+#include "sim/solver_state.h"
 #include "sim/strand_blocks.h"
 
 namespace strandbake {
@@ -115,6 +116,8 @@ class OpenMPSolver final : public Solver {
   void read(std::span<Eigen::Vector3f> out) const override { read_as(out); }
   void read(std::span<Eigen::Vector3d> out) const override { read_as(out); }
   std::optional<NonFinite> find_non_finite() const override;
+  void save(const Sink& out) const override { save_state(strands_, offset_, swapped_, origin_, substep_before_, out); }
+  void load(const Source& in) override;
   std::size_t state_bytes() const override { return state_count_ * sizeof(Scalar); }
   WorkCount work() const override { return work_; }
 
@@ -279,6 +282,13 @@ void OpenMPSolver<Scalar>::advance(const FrameInput& input, std::span<Eigen::Vec
   substep_before_ = input.substep;
   for (Workspace<Scalar>& workspace : workspace_) move_count(workspace.work, work_);
   failure.rethrow();
+}
+
+template <class Scalar>
+void OpenMPSolver<Scalar>::load(const Source& in) {
+  substep_before_ = load_state(strands_, offset_, origin_, in);
+  swapped_ = all_finite_ = false;
+  regions_before_.clear();
 }
 
 template <class Scalar>

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <cstddef>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -59,6 +60,15 @@ class Solver {
 
   // Costs nothing where advance() met finite numbers only.
   virtual std::optional<NonFinite> find_non_finite() const = 0;
+
+  // What the next frame grows out of, as bytes that depend neither on lanes, threads nor backend (solver_state.h). A
+  // solver that was made of the same groom, plan, head and precision goes on from there to the same bits. Throws
+  // std::logic_error where a device has begun with the next frame already: see expect(). What `out` or `in` throws
+  // leaves load() with a state that is of no use.
+  using Sink = std::function<void(std::span<const std::byte>)>;
+  using Source = std::function<void(std::span<std::byte>)>;
+  virtual void save(const Sink& out) const = 0;
+  virtual void load(const Source& in) = 0;
 
   // Bytes that the solver holds between frames.
   virtual std::size_t state_bytes() const = 0;

@@ -49,6 +49,11 @@ class Origin {
 
   const Eigen::Vector3d& now() const { return now_; }      // world [m]
   const Eigen::Vector3d& moved() const { return moved_; }  // in the last substep [m]
+  // Goes back to where it once was.
+  void set(const Eigen::Vector3d& now, const Eigen::Vector3d& moved) {
+    now_ = now;
+    moved_ = moved;
+  }
   void follow(const Eigen::Isometry3d& head) {
     const Eigen::Vector3d next = head * rest_center_;
     moved_ = next - now_;

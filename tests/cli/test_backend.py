@@ -6,6 +6,7 @@ import os
 import platform
 import re
 import shutil
+import signal
 import subprocess
 
 import numpy as np
@@ -114,6 +115,28 @@ def test_frames_that_are_not_written_are_simulated_on_the_device_too(scene, devi
     assert bake(scene, "--backend", "openmp", "--frames", "3-4", "-o", "cpu.h5").code == GOOD
     assert bake(scene, "--backend", "opencl", "--mapping", "vertices", "--frames", "3-4", "-o", "device.h5").code == GOOD
     assert (scene / "device.h5").read_bytes() == (scene / "cpu.h5").read_bytes()
+
+
+@pytest.mark.parametrize("begun, ended", [("opencl", "openmp"), ("openmp", "opencl"), ("opencl", "opencl")])
+def test_a_bake_that_was_stopped_goes_on_elsewhere(scene, device, begun, ended):
+    frames = ["--set", "bake.frames=1-150"]
+    assert bake(scene, "--backend", "openmp", *frames, "-o", "whole.h5").code == GOOD
+    # With batches that take turns in the device's memory, too.
+    begun_there = ["--device-memory", "40KB"] if (begun, ended) == ("opencl", "openmp") else []
+    process = scene.start("bake", "scene.toml", "-o", "out.h5", "--json", "--backend", begun, *begun_there, "--checkpoint", "1e-6", *frames,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    for line in process.stdout:
+        if json.loads(line).get("frame") == 5:
+            break
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=100)
+    if process.returncode == GOOD:
+        pytest.skip("the bake is too fast to be interrupted")
+    run = scene.run("bake", "scene.toml", "-o", "out.h5", "--resume", "--json", "--backend", ended, *frames)
+    assert run.code == GOOD, run.err
+    start = next(event for event in map(json.loads, run.out.splitlines()) if event["event"] == "start")
+    assert start["kept_frames"] >= 5 and start["simulated_from"] > 1
+    assert (scene / "out.h5").read_bytes() == (scene / "whole.h5").read_bytes()
 
 
 def test_the_plan_names_the_device(scene, device):

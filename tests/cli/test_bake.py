@@ -160,7 +160,7 @@ def test_help_and_version_go_to_stdout(shot):
         assert run.code == GOOD and run.out != "" and run.err == ""
     assert re.fullmatch(r"strandbake \d+\.\d+\.\d+\n", shot.run("--version").out)
     for word in ("--frames", "--threads", "--set", "--output", "--force", "--quiet", "--json", "--dry-run",
-                 "--search", "--lanes", "--fail-on"):
+                 "--search", "--lanes", "--fail-on", "--resume", "--checkpoint"):
         assert word in shot.run("bake", "--help").out
 
 
@@ -303,7 +303,7 @@ def test_a_stopped_bake_leaves_its_finished_frames(shot, stop):
     error = json.loads(out.splitlines()[-1])
     assert error["event"] == "error" and error["code"] == INTERRUPTED and "out.h5.part" in error["message"]
     assert err == f"strandbake: error: {error['message']}\n"
-    assert shot.files() == ["a.hair", "out.h5.part", "scene.toml"]
+    assert shot.files() == ["a.hair", "out.h5.part", "out.h5.part.state", "scene.toml"]
 
     with h5py.File(shot / "out.h5.part") as file:
         assert file.attrs["complete"] == 0

@@ -263,6 +263,7 @@ class Bake {
       start_frame_ = next_frame_;  // all is there
     } else if (const auto frame = state_->find(); frame && *frame >= start_frame_ && *frame < next_frame_) {
       solver_->load([this](std::span<std::byte> out) { state_->read(out); });
+      state_->require_end();
       start_frame_ = *frame;
       is_loaded_ = true;
     }

@@ -106,6 +106,10 @@ void BakeStateFile::read(std::span<std::byte> out) {
   left_ -= out.size();
 }
 
+void BakeStateFile::require_end() const {
+  if (left_ > 0) throw InputError(fmt::format("{}: holds more than was expected; delete it", path_.string()));
+}
+
 void BakeStateFile::remove() {
   std::error_code ignored;
   std::filesystem::remove(path_, ignored);

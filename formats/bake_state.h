@@ -31,6 +31,8 @@ class BakeStateFile {
   std::optional<int> find();
   // Throws InputError at the end.
   void read(std::span<std::byte> out);
+  // Throws InputError where read() has left something: the state is that of another solver.
+  void require_end() const;
   void remove();
 
  private:

@@ -4,14 +4,9 @@
 #include <string>
 #include <vector>
 
-#include "tests/sim/harness.h"
+#include "samples/shots.h"
 
-namespace strandbake::stability {
-
-using harness::Isometry3d;
-using harness::Points;
-using harness::Shot;
-using harness::Vector3d;
+namespace strandbake::samples {
 
 // A shot whose method, lengths and precision are still open. Head, spheres, wind and parameters stand still after frame
 // `stop`; by the last frame the hair should, too.
@@ -22,6 +17,24 @@ struct Case {
 };
 constexpr int kNever = -1;
 
+inline Case with_method(const Case& c, int method, const LengthParams& lengths) {
+  const auto set = [method, lengths](RegionParams region) {
+    region.local.method = method;
+    region.lengths = lengths;
+    return region;
+  };
+  Case with = c;
+  with.shot.region = set(c.shot.region);
+  if (c.shot.regions_at) {
+    with.shot.regions_at = [regions_at = c.shot.regions_at, set](int frame) {
+      std::vector<RegionParams> regions = regions_at(frame);
+      for (RegionParams& region : regions) region = set(region);
+      return regions;
+    };
+  }
+  return with;
+}
+
 // What `function` of time does until `time`, and its last value from then on.
 template <class Function>
 auto until(double time, const Function& function) {
@@ -29,28 +42,28 @@ auto until(double time, const Function& function) {
 }
 
 inline Isometry3d shifted(const Vector3d& by) {
-  return harness::pose(Eigen::Matrix3d::Identity(), by);
+  return pose(Eigen::Matrix3d::Identity(), by);
 }
 inline Isometry3d turned(double angle, const Vector3d& axis) {
-  return harness::pose(Eigen::AngleAxisd(angle, axis.normalized()).toRotationMatrix(), {0, 0, 0});
+  return pose(Eigen::AngleAxisd(angle, axis.normalized()).toRotationMatrix(), {0, 0, 0});
 }
 
 // Straight, wavy, curly and rambling hair of about `length` with 4 to 64 vertices.
 inline Groom ordinary_groom(double length = 0.3, const Vector3d& center = {0, 0, 0}) {
-  harness::Random random(101);
+  Random random(101);
   Groom groom;
   const auto root = [&] { return Vector3d(center + length / 3 * random.direction()); };
-  harness::add_strand(groom, harness::straight(64, length, root()));
+  add_strand(groom, straight(64, length, root()));
   const Vector3d aside = random.direction();
-  harness::add_strand(groom, harness::straight(4, length, root(), aside));
-  harness::add_strand(groom, harness::wavy(11, length, length / 20, 2, root()));
-  harness::add_strand(groom, harness::wavy(48, length, length / 40, 6, root()));
-  harness::add_strand(groom, harness::curly(32, length, length / 15, 3, root()));
-  harness::add_strand(groom, harness::curly(64, length, length / 30, 8, root()));
-  Points rambling = harness::rambling(random, 24, {0, 0, 0});
+  add_strand(groom, straight(4, length, root(), aside));
+  add_strand(groom, wavy(11, length, length / 20, 2, root()));
+  add_strand(groom, wavy(48, length, length / 40, 6, root()));
+  add_strand(groom, curly(32, length, length / 15, 3, root()));
+  add_strand(groom, curly(64, length, length / 30, 8, root()));
+  Points points = rambling(random, 24, {0, 0, 0});
   const Vector3d at = root();
-  for (Vector3d& p : rambling) p = at + p * (length / 0.3);
-  harness::add_strand(groom, rambling);
+  for (Vector3d& p : points) p = at + p * (length / 0.3);
+  add_strand(groom, points);
   return groom;
 }
 
@@ -65,7 +78,7 @@ inline Shot ordinary_shot() {
 inline std::vector<Case> cases() {
   std::vector<Case> all;
   const auto add = [&](const std::string& name, const Shot& shot, int stop) { all.push_back({name, shot, stop}); };
-  const auto dancing = [](int frames, double fps) { return until(frames / fps, harness::dance); };
+  const auto dancing = [](int frames, double fps) { return until(frames / fps, dance); };
   Shot shot;
 
   // ---- the head ----
@@ -97,8 +110,14 @@ inline std::vector<Case> cases() {
   shot = ordinary_shot();
   const Vector3d far(6e4, 1e4, 8e4);
   shot.groom = ordinary_groom(0.3, far);
-  shot.head = [far](double time) { return shifted(far) * harness::dance(std::min(time, 0.5)) * shifted(-far); };
+  shot.head = [far](double time) { return shifted(far) * dance(std::min(time, 0.5)) * shifted(-far); };
   add("a hundred kilometres from the origin", shot, 30);
+  shot.spheres = [far](double time) {
+    const Vector3d place = far + dance(std::min(time, 0.5)) * Vector3d(0, -0.1, 0.05);
+    return std::vector<Sphere>{{place, 0.1}};
+  };
+  shot.substeps = 3;
+  add("a hundred kilometres from the origin, with a sphere", shot, 30);
 
   // ---- steps ----
   shot = ordinary_shot();
@@ -140,6 +159,7 @@ inline std::vector<Case> cases() {
   shot.region.sag_free = true;
   add("in balance as it was made", shot, 30);
   with("little damping", 0.02, {0.5, 3, 1}, {0.1, 0.3, 1});
+  with("no damping", 0, {0.5, 3, 1}, {0.1, 0.3, 1});
 
   shot = ordinary_shot();
   shot.head = dancing(30, shot.fps);
@@ -157,13 +177,12 @@ inline std::vector<Case> cases() {
   // ---- strands ----
   shot = ordinary_shot();
   shot.head = dancing(30, shot.fps);
-  shot.groom = harness::groom_of(
-      {harness::folded(9, 0.02), harness::folded(40, 0.01, {0.1, 0, 0}), harness::folded(16, 0.05, {0, 0, 0.1})});
+  shot.groom = groom_of({folded(9, 0.02), folded(40, 0.01, {0.1, 0, 0}), folded(16, 0.05, {0, 0, 0.1})});
   add("strands that fold back on themselves", shot, 30);
 
-  harness::Random random(102);
-  shot.groom = harness::groom_of({harness::stuttering(random, 30, {0, 0, 0}),
-                                  harness::stuttering(random, 9, {0.1, 0, 0}), Points(12, Vector3d(0, 0.1, 0))});
+  Random random(102);
+  shot.groom = groom_of(
+      {stuttering(random, 30, {0, 0, 0}), stuttering(random, 9, {0.1, 0, 0}), Points(12, Vector3d(0, 0.1, 0))});
   add("vertices in one place", shot, 30);
 
   Points uneven = {{0, 0, 0}};
@@ -171,10 +190,10 @@ inline std::vector<Case> cases() {
     const Vector3d step = i % 2 == 0 ? Vector3d(1, 0, 0) : Vector3d(0, -1, 0);
     uneven.push_back(uneven.back() + step * (i % 3 == 0 ? 1e-7 : 1.0));
   }
-  shot.groom = harness::groom_of({uneven});
+  shot.groom = groom_of({uneven});
   add("segments of 1e-7 m beside segments of 1 m", shot, 30);
 
-  shot.groom = harness::groom_of({harness::straight(2, 0.1), harness::curly(10000, 3, 0.02, 200)});
+  shot.groom = groom_of({straight(2, 0.1), curly(10000, 3, 0.02, 200)});
   shot.frames = 20;
   add("2 vertices beside 10,000", shot, kNever);
 
@@ -193,8 +212,7 @@ inline std::vector<Case> cases() {
 
   shot = ordinary_shot();
   shot.head = dancing(30, shot.fps);
-  for (std::size_t s = 0; s < shot.groom.strand_count(); ++s)
-    harness::pin(shot.groom, s, shot.groom.vertex_count(s) - 1);
+  for (std::size_t s = 0; s < shot.groom.strand_count(); ++s) pin(shot.groom, s, shot.groom.vertex_count(s) - 1);
   shot.substeps = 4;
   add("both ends held", shot, 30);
   shot.substeps = 1;
@@ -204,7 +222,7 @@ inline std::vector<Case> cases() {
   shot = ordinary_shot();
   shot.head = dancing(30, shot.fps);
   shot.spheres = until(0.5, [](double time) {
-    return std::vector<Sphere>{{harness::dance(time) * Vector3d(0, 0, 0), 0.05 + 0.2 * time}};
+    return std::vector<Sphere>{{dance(time) * Vector3d(0, 0, 0), 0.05 + 0.2 * time}};
   });
   add("a sphere that grows to swallow the roots", shot, 30);
 
@@ -228,7 +246,7 @@ inline std::vector<Case> cases() {
   shot.spheres = until(0.5, [](double time) {
     std::vector<Sphere> spheres;
     for (int k = 0; k < 6; ++k)
-      spheres.push_back({harness::dance(time) * Vector3d(0.1 * std::cos(k), -0.1, 0.1 * std::sin(k)), 0.12});
+      spheres.push_back({dance(time) * Vector3d(0.1 * std::cos(k), -0.1, 0.1 * std::sin(k)), 0.12});
     return spheres;
   });
   add("six spheres in one another", shot, 30);
@@ -245,4 +263,4 @@ inline std::vector<Case> cases() {
   return all;
 }
 
-}  // namespace strandbake::stability
+}  // namespace strandbake::samples

@@ -20,13 +20,14 @@ struct Benchmark {
   const char* help;
   Report (*run)(const BenchOptions&);
 };
-constexpr std::array<Benchmark, 6> kBenchmarks = {
+constexpr std::array<Benchmark, 7> kBenchmarks = {
     {{"table2", "The paper's Table 2 on this processor, with the paper's figures beside", bench_table2},
      {"passes", "What each pass of the solver costs, alone and on top of the others", bench_passes},
      {"scaling", "How time grows with strands, vertices, threads, substeps, lanes and regions", bench_scaling},
      {"bake", "Bakes from end to end, beside their solver alone and their disk alone", bench_bake},
      {"features", "What each thing that a scene asks for costs, on and off", bench_features},
-     {"error", "Run time against error: methods, substeps, iterations, length solvers, precision", bench_error}}};
+     {"error", "Run time against error: methods, substeps, iterations, length solvers, precision", bench_error},
+     {"stability", "What shots that no hair is made for come to: stretch, growth, rest", bench_stability}}};
 
 struct BenchVerbOptions {
   BenchOptions bench;
@@ -91,6 +92,11 @@ Verb add_bench(CLI::App& app) {
         ->type_name("N")
         ->check(CLI::NonNegativeNumber);
   }
+  app.get_subcommand("stability")
+      ->add_option("--assets", options->bench.assets, "Folder with real grooms and animation, for more shots")
+      ->type_name("FOLDER")
+      ->envname("STRANDBAKE_ASSETS")
+      ->check(CLI::ExistingDirectory);
   return [options, &app]() -> int {
     const std::string name = app.get_subcommands().front()->get_name();
     for (const Benchmark& benchmark : kBenchmarks) {

@@ -17,7 +17,7 @@ struct Measured {
   double held = 0;        // largest error of a length between two pinned vertices, as a share of the length
   double growth = 0;      // highest speed later than a second after the stop, as a share of the highest in that second
   double unrest = 0;      // farthest that a vertex goes in one of the last ten frames, as a share of the longest strand
-  double elongation = 0;  // largest error of a length, as a share of it; of a thousandth of the strand or more
+  double elongation = 0;  // largest error of a length, as a share of it; of more than a thousandth of the strand
   std::optional<int> steps_to_rest;  // substeps from the stop until no frame goes beyond kUnrest any more
 };
 
@@ -83,7 +83,7 @@ inline Measured measure(const Case& c, Precision precision, const std::vector<Po
       double way = 0, allowed = 0;
       for (std::size_t v = held + 1; v < groom.offset[s + 1]; ++v) {
         const double error = allowance.error(rest[v], thrown);
-        if (rest[v] >= 1e-3 * total[s])
+        if (rest[v] > 1e-3 * total[s])
           found.elongation = std::max(found.elongation, std::abs((now[v] - now[v - 1]).norm() / rest[v] - 1));
         way += rest[v];
         allowed += error;

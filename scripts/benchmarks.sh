@@ -17,7 +17,7 @@ cmake --build --preset release --target strandbake
 
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
-for name in table2 passes scaling bake features error; do
+for name in table2 passes scaling bake features error stability; do
   build/release/cli/strandbake bench "$name" ${quick[@]+"${quick[@]}"} --folder "$scratch" --force --csv "$out/$name.csv" \
     --svg "$out/$name.svg" | tee "$scratch/$name.txt"
   echo

@@ -15,6 +15,7 @@ struct BenchOptions {
   std::filesystem::path folder;  // for scenes and caches of bakes
   std::vector<int> devices;      // of OpenCL, beside the CPU; table2 and scaling
   std::filesystem::path program_cache;
+  std::filesystem::path assets;  // real grooms and animation; empty: none; stability
 };
 
 Report bench_table2(const BenchOptions& options);
@@ -23,5 +24,6 @@ Report bench_scaling(const BenchOptions& options);
 Report bench_bake(const BenchOptions& options);
 Report bench_features(const BenchOptions& options);
 Report bench_error(const BenchOptions& options);
+Report bench_stability(const BenchOptions& options);
 
 }  // namespace strandbake

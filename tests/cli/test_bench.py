@@ -17,6 +17,7 @@ BENCHMARKS = {
     "scaling": (["sweep", "method", "strands", "vertices", "regions", "threads", "substeps", "lanes"],
                 ["median_ms", "best_ms", "ns_per_vertex", "ratio", "floor_share_percent"]),
     "bake": (["scene", "compression"], ["whole_s", "whole_best_s", "before_frames_ms"]),
+    "stability": (["case", "method", "lengths", "precision", "finite"], []),
     "features": (["feature"], ["all_ms", "without_ms", "alone_ms", "bare_ms"]),
 }
 
@@ -100,6 +101,19 @@ def test_table2_has_the_figures_of_the_paper(measured):
     assert found == {("model1", 1): 4.59, ("model1", 2): 1.22, ("model1", 3): 0.78, ("model1", 4): None,
                      ("model2", 1): 5.32, ("model2", 2): 1.24, ("model2", 3): 0.80, ("model2", 4): None,
                      ("model3", 1): 62.38, ("model3", 2): 3.21, ("model3", 3): 2.11, ("model3", 4): None}
+
+
+@pytest.mark.parametrize("measured", ["stability"], indirect=True)
+def test_stability_tells_of_every_shot_and_method_what_does_not_hold(measured):
+    rows = measured[4]["rows"]
+    assert {(row["method"], row["lengths"], row["precision"]) for row in rows} == {(m, "direct", "float") for m in (1, 2, 3, 4)}
+    assert len(rows) == 4 * len({row["case"] for row in rows}) and all(row["finite"] == "yes" for row in rows)
+    for row in rows:
+        assert row["reach"] < 1.001 and row["largest_stretch_percent"] < 1
+        stops = row["growth"] is not None
+        assert ("no rest" in row["mark"]) == (stops and row["unrest"] > 5e-4)
+        assert (row["steps_to_rest"] is not None) == (stops and "no rest" not in row["mark"])
+    assert any(row["steps_to_rest"] for row in rows)
 
 
 @pytest.mark.parametrize("arguments", [

@@ -234,8 +234,9 @@ DigestComparison compare_digests(const CacheDigest& golden, const CacheDigest& o
     result.mismatches.push_back(fmt::format("{}: {} in place of {}", what, value, golden_value));
     return false;
   };
-  const bool same_counts =
-      expect("strands", golden.strands, other.strands) & expect("vertices", golden.vertices, other.vertices);
+  const bool same_strands = expect("strands", golden.strands, other.strands);
+  const bool same_vertices = expect("vertices", golden.vertices, other.vertices);
+  const bool same_counts = same_strands && same_vertices;
   if (same_counts && golden.topology != other.topology)
     result.mismatches.emplace_back("strands: of another length, or in another region");
   expect("frames a second", golden.fps, other.fps);

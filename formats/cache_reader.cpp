@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <mutex>
@@ -527,8 +528,9 @@ struct CacheReader::Impl {
 CacheReader::CacheReader(const std::filesystem::path& path) {
   const QuietHdf5 quiet;
   // A bake in progress may commit a frame between two looks at its file, which do not fit together then.
-  constexpr int kLooks = 50;
-  for (int look = 1; impl_ == nullptr; ++look) {
+  using Clock = std::chrono::steady_clock;
+  const Clock::time_point patience = Clock::now() + std::chrono::seconds(10);
+  while (impl_ == nullptr) {
     const FileMoment before(path);
     auto impl = std::make_unique<Impl>();
     impl->path = path.string();
@@ -536,7 +538,7 @@ CacheReader::CacheReader(const std::filesystem::path& path) {
       impl->open(path);
       impl_ = std::move(impl);
     } catch (const InputError& fault) {
-      if (look == kLooks || before == FileMoment(path))
+      if (before == FileMoment(path) || Clock::now() > patience)
         throw InputError(fmt::format("{}: {}", path.string(), fault.what()));
     } catch (const std::bad_alloc&) {
       throw InputError(fmt::format("{}: needs more memory than there is", path.string()));

@@ -37,6 +37,15 @@ bool lock(int descriptor) {
   return ::fcntl(descriptor, F_OFD_SETLK, &whole_file) == 0 || (errno != EAGAIN && errno != EACCES);
 }
 
+// The end of the file that a superblock of version 2 or 3 names; 0 for less than one.
+std::uint64_t end_named_by(const std::vector<std::byte>& superblock) {
+  constexpr std::size_t kPlace = 28;  // after the signature, four bytes and two addresses
+  std::uint64_t end = 0;
+  for (std::size_t k = 0; k < sizeof end && kPlace + sizeof end <= superblock.size(); ++k)
+    end |= std::to_integer<std::uint64_t>(superblock[kPlace + k]) << (8 * k);
+  return end;
+}
+
 }  // namespace
 
 struct CommitFile::Driver {
@@ -234,7 +243,7 @@ void CommitFile::forget(std::uint64_t address, std::size_t size) {
 void CommitFile::end_replay() {
   struct stat status = {};
   if (::fstat(descriptor_, &status) != 0) return fail(errno);
-  size_ = sent_ = static_cast<std::uint64_t>(status.st_size);
+  size_ = sent_ = named_ = static_cast<std::uint64_t>(status.st_size);
   replays_ = raw_is_there_ = false;
   // The small data sets. On disk they may hold a part of the frame that was never committed.
   for (auto entry = held_.begin(); entry != held_.end();) {
@@ -271,7 +280,8 @@ bool CommitFile::read(std::uint64_t address, void* bytes, std::size_t size) {
 
 // Each write below leaves a file that stock HDF5 opens, with the old frames or with the new one too:
 //   1. what lies beyond the last commit: nothing names it yet;
-//   2. the superblock: its end of file covers 1, and before the first commit there is none;
+//   2. the superblock: its end of file covers 1, which the file is long enough for, and before the first commit there
+//   is none;
 //   3. old nodes of the chunk trees, upper levels first: when a node was split, its parent names both halves before the
 //      old half loses its second part, and a root that moves down is replaced in a single write;
 //   4. the rest, by address: the object headers, which hold the dimensions. /frames/number is made last and so comes
@@ -305,8 +315,17 @@ void CommitFile::commit() {
   };
   const auto old = std::ranges::find_if(order, [](const auto& key) { return key.first > 0; });
   std::for_each(order.begin(), old, put_held);
-  if (size_ != allocated_) truncate(allocated_);
+  // The file is never shorter than the superblock on disk says, be it the old one or the new.
+  std::uint64_t names = named_;
+  for (const auto& [address, held] : held_) {
+    if (held.type == H5FD_MEM_SUPER && address == 0) names = end_named_by(held.bytes);
+  }
+  const std::uint64_t longest = std::max({allocated_, named_, names});
+  if (size_ < longest) truncate(longest);
   std::for_each(old, order.end(), put_held);
+  if (error_ == 0) named_ = names;
+  const std::uint64_t end = std::max(allocated_, named_);
+  if (size_ > end) truncate(end);
   if (error_ != 0) return;
   held_.clear();
   committed_ = allocated_;

@@ -69,6 +69,7 @@ class CommitFile {
   std::uint64_t allocated_ = 0;         // HDF5's end of the address space
   std::uint64_t committed_ = 0;         // the same at the last commit: nothing on disk names a place beyond
   std::uint64_t size_ = 0;              // of the file on disk
+  std::uint64_t named_ = 0;             // what the superblock on disk names as its end, at most
   std::uint64_t sent_ = 0;              // bytes before this place were asked to be written to the device
   std::map<std::uint64_t, Held> held_;  // metadata by address
 };

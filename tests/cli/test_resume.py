@@ -331,9 +331,11 @@ def test_a_full_disk_keeps_a_bake_that_goes_on_readable(shot):
 
 def start_long(shot, *arguments):
     shot.scene(frames="1-1000000")
-    process = shot.start("bake", "scene.toml", "-o", "out.h5", "--json", *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    while json.loads(process.stdout.readline()).get("frame") != 3:
-        pass
+    events = shot / "events.jsonl"  # a pipe that nobody reads would hold the bake
+    with events.open("w") as out:
+        process = shot.start("bake", "scene.toml", "-o", "out.h5", "--json", *arguments, stdout=out, stderr=subprocess.PIPE)
+    while events.read_text().count('"event":"frame"') < 3:
+        assert process.poll() is None, process.stderr.read()
     return process
 
 

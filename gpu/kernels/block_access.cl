@@ -2,8 +2,8 @@
 //
 // Constants of the program, from the plan: REAL, REAL3, WIDTH, ITEM_GROUP, VERTEX_GROUP; where anything uses the pass,
 // HAS_MASKED, HAS_RIDES, HAS_WIND, HAS_SUPPORT, HAS_GLOBAL_SHAPE, HAS_LOCAL_SHAPE, HAS_EDGE_LENGTHS (iterated),
-// HAS_DIRECT_LENGTHS, HAS_SPHERES; HAS_FIGURES where frames are measured; LOCAL_METHOD where all regions with a strand per work-item agree on it;
-// VERTICES_METHOD_..., see vertex_per_item.cl, for what is in use.
+// HAS_DIRECT_LENGTHS, HAS_SPHERES; HAS_FIGURES where frames are measured; LOCAL_METHOD where all regions with a strand
+// per work-item agree on it; VERTICES_METHOD_..., see vertex_per_item.cl, for what is in use.
 
 #define ROW (3 * WIDTH)
 
@@ -63,7 +63,8 @@ static Real3 wind_of(const __global Real* substep, const __global Real* weight_l
   return wind;
 }
 
-// Who is free in a masked block, and which segments exist; without it, all but the first two vertices, and all segments.
+// Who is free in a masked block, and which segments exist; without it, all but the first two vertices, and all
+// segments.
 typedef struct {
   const __global Real *free, *active, *swept;
   bool masked;

@@ -1,5 +1,5 @@
-// Positions in the world, in the order of the groom, from blocks of strands. `origin_`: without -0. `not_finite` becomes
-// 1 where a number is none.
+// Positions in the world, in the order of the groom, from blocks of strands. `origin_`: without -0. `not_finite`
+// becomes 1 where a number is none.
 __kernel void gather(const __global Real* state, const __global BlockRow* blocks, const __global Target* targets,
                      uint swapped, Real origin_x, Real origin_y, Real origin_z, __global float* out,
                      __global uint* not_finite) {

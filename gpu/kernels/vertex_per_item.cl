@@ -36,8 +36,8 @@ static void NAME(write_twist)(SHARED Real* lane, uint i, Twist twist) {
 }
 #endif
 
-// The hint keeps Intel's runtime for CPUs from making vectors of work-items, which it gets wrong where one of them walks
-// along a strand (tests/gpu/intel_test.sh); other compilers do not mind it.
+// The hint keeps Intel's runtime for CPUs from making vectors of work-items, which it gets wrong where one of them
+// walks along a strand (tests/gpu/intel_test.sh); other compilers do not mind it.
 __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1), vec_type_hint(float4))) void NAME(advance_vertices)(
     __global Real* state, const __global BlockRow* blocks, const __global uint* which,
     const __global Real* region_reals, const __global int* region_ints, const __global Real* substep_reals,

@@ -69,13 +69,24 @@ Backend choose_backend(const BackendOptions& options, Precision precision, doubl
   return backend;
 }
 
+namespace {
+bool is_exact(const Device& device, Precision precision) {
+  return precision == Precision::Double ? device.exact_double : device.exact_float;
+}
+}  // namespace
+
+std::string numbers_of(const Backend& backend, Precision precision) {
+  if (!backend.device || is_exact(*backend.device, precision)) return "exact";
+  return fmt::format("{} {} {}", backend.device->platform_name, backend.device->name, backend.device->driver);
+}
+
 std::string describe_backend(const Backend& backend, const SolverOptions& options) {
   const char* const precision = options.precision == Precision::Double ? "double" : "float";
   if (!backend.device) {
     return fmt::format("openmp, {}, {} thread{}", precision, options.threads, options.threads == 1 ? "" : "s");
   }
   const Device& device = *backend.device;
-  const bool exact = options.precision == Precision::Double ? device.exact_double : device.exact_float;
+  const bool exact = is_exact(device, options.precision);
   return fmt::format("opencl on {} ({}), {}{}", device.name, device.platform_name, precision,
                      exact ? "" : "; its division and square root are not exact, so bytes differ from the CPU's");
 }

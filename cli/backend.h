@@ -41,6 +41,9 @@ double vertex_substeps(const Shot& shot, int last_frame);
 // Throws DeviceError where what is asked for cannot be had.
 Backend choose_backend(const BackendOptions& options, Precision precision, double vertex_substeps);
 
+// Whose numbers a bake has: "exact" for all that have the CPU's, else the device.
+std::string numbers_of(const Backend& backend, Precision precision);
+
 // "openmp, float, 2 threads"
 std::string describe_backend(const Backend& backend, const SolverOptions& options);
 

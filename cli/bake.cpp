@@ -239,7 +239,8 @@ class Bake {
     cache.stats = shot_.scene.cache.stats;
     cache.threads = threads_;
     CacheHeader header = make_header(shot_);
-    state_.emplace(options.output, state_identity(header, fmt::format("{}", fmt::join(options.no_skip, ","))));
+    state_.emplace(options.output, state_identity(header, fmt::format("{} {}", fmt::join(options.no_skip, ","),
+                                                                      numbers_of(backend, precision_of(shot_.scene)))));
     writer_.emplace(options.output, header, cache,
                     options.resume ? CacheWriter::Existing::Resume : CacheWriter::Existing::Replace);
     header = {};
@@ -380,6 +381,10 @@ class Bake {
           fmt::format("{}: cannot be resumed: it holds frames {} to {}, but {} to {} are asked for; "
                       "without --resume, --force starts anew",
                       part, first, last, written_.first, written_.second));
+    }
+    if (!limits_.empty() && !kept_->stats(0)) {
+      throw InputError(fmt::format(
+          "{}: cannot be resumed: it has no figures for --fail-on to judge (cache.stats); --force starts anew", part));
     }
     for (std::size_t k = 0; k < count; ++k)
       if (const auto stats = kept_->stats(k)) note_excess(kept_->frame_number(k), *stats);

@@ -1,12 +1,10 @@
 // A file that HDF5 writes through us (a virtual file driver), for two things that its own driver cannot do:
 //
 // - Killed between any two writes, the file stays the HDF5 file of the last commit or becomes that of the next. Raw
-// data
-//   goes to the file at once, to places that no metadata names yet. Metadata is held back until HDF5 flushes, and then
-//   goes out in an order in which each single write leaves a valid file (see commit()).
+//   data goes to the file at once, to places that no metadata names yet. Metadata is held back until HDF5 flushes, and
+//   then goes out in an order in which each single write leaves a valid file (see commit()).
 // - The first error sticks and every later write is dropped, so that a full disk leaves the last commit on disk and
-// HDF5,
-//   which believes that all is well, closes without a complaint, a leak or a hang.
+//   HDF5, which believes that all is well, closes without a complaint, a leak or a hang.
 #pragma once
 
 #include <cstddef>

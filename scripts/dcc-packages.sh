@@ -16,7 +16,11 @@ fi
 install() {
   for pause in 0 5 20; do
     sleep "$pause"
-    "$folder/bin/pip" install --disable-pip-version-check --no-deps --no-compile --only-binary :all: "$1" >>"$log" 2>&1 && return
+    local code=0
+    timeout 600 "$folder/bin/pip" install --disable-pip-version-check --no-deps --no-compile --only-binary :all: "$1" \
+      >>"$log" 2>&1 || code=$?
+    [ $code -eq 0 ] && return
+    [ $code -eq 124 ] && break  # a line so slow will not be faster the next time
   done
   return 1
 }

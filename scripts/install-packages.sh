@@ -28,7 +28,14 @@ echo "installing: ${missing[*]}"
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 export DEBIAN_FRONTEND=noninteractive
-if ! { "${root[@]}" apt-get update -q && "${root[@]}" apt-get install -y -q --no-install-recommends "${missing[@]}"; } >"$log" 2>&1; then
-  tail -n 30 "$log" >&2
-  exit 1
-fi
+apt=(apt-get -q -o Acquire::Retries=5 -o DPkg::Lock::Timeout=300)
+# A fresh machine may be at its own updates, and a mirror away for a moment.
+for pause in 0 10 60; do
+  sleep "$pause"
+  if { "${root[@]}" "${apt[@]}" update && "${root[@]}" "${apt[@]}" install -y --no-install-recommends "${missing[@]}"; } \
+    >"$log" 2>&1; then
+    exit 0
+  fi
+done
+tail -n 30 "$log" >&2
+exit 1

@@ -9,7 +9,7 @@ mkdir -p "$folder"
 folder=$(cd "$folder" && pwd)
 [ -e "$folder/intel.icd" ] && exit 0
 if /usr/bin/python3 -m venv "$folder/venv" >"$folder/install.log" 2>&1 &&
-  "$folder/venv/bin/pip" install --disable-pip-version-check intel-opencl-rt==2026.2.0 intel-cmplr-lib-rt==2026.2.0 \
+  timeout 600 "$folder/venv/bin/pip" install --disable-pip-version-check intel-opencl-rt==2026.2.0 intel-cmplr-lib-rt==2026.2.0 \
     >>"$folder/install.log" 2>&1 &&
   [ -e "$folder/venv/lib/libintelocl.so" ]; then
   echo "$folder/venv/lib/libintelocl.so" >"$folder/intel.icd"

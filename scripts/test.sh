@@ -8,6 +8,7 @@ scripts/install-packages.sh test
 scripts/intel-opencl.sh build/intel-opencl
 scripts/dcc-packages.sh build/dcc &  # half a minute or more, most of it waiting
 dcc=$!
+trap 'kill "$dcc" 2>/dev/null || true' EXIT
 jobs=$(nproc)
 step() { printf '\n== %s (%s s)\n' "$1" "$SECONDS"; }
 configure() {

@@ -75,9 +75,11 @@ class Shot:
         return SimpleNamespace(code=run.returncode, out=run.stdout, err=run.stderr)
 
     def start(self, *arguments, **more):
-        """Starts the program and does not wait for it."""
-        return subprocess.Popen([PROGRAM, *map(os.fspath, arguments)], cwd=self.folder, env=ENVIRONMENT, stdin=subprocess.DEVNULL,
-                                text=True, **more)
+        """Starts the program and does not wait for it. It may be killed, so what it would write for coverage goes elsewhere: half of
+        it would spoil what the others write."""
+        env = {**ENVIRONMENT, "GCOV_PREFIX": f"{self.folder}.coverage"}
+        return subprocess.Popen([PROGRAM, *map(os.fspath, arguments)], cwd=self.folder, env=env, stdin=subprocess.DEVNULL, text=True,
+                                **more)
 
     def bake(self, *arguments, scene="scene.toml", out="out.h5", **more):
         """A bake that must be good; returns the path of its cache."""

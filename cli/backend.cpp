@@ -15,21 +15,22 @@ constexpr double kWorthADevice = 2e8;  // vertex substeps
 }  // namespace
 
 void BackendOptions::add_to(CLI::App& app) {
-  app.add_option(
-         "--backend", backend,
-         "openmp: the CPU. opencl: a device (`strandbake devices`). auto: a GPU where there is one that gives the "
-         "bytes of the CPU and the bake is long enough to gain from it, else the CPU")
+  app.add_option("--backend", backend,
+                 "The solver. openmp: the CPU. opencl: a device (`strandbake devices`). auto: a GPU where there is one "
+                 "that gives the "
+                 "bytes of the CPU and the bake is long enough to gain from it, else the CPU")
       ->check(CLI::IsMember({"auto", "openmp", "opencl"}))
       ->envname("STRANDBAKE_BACKEND");
-  app.add_option("--device", device, "With --backend opencl: which device; left out: the first")
+  app.add_option("--device", device, "Which device, with --backend opencl; left out: the first")
       ->type_name("N")
       ->check(CLI::NonNegativeNumber);
   app.add_option("--mapping", mapping,
-                 "With opencl. strands: a strand per work-item (methods 1 to 3). vertices: a vertex per work-item "
+                 "What a work-item does, with opencl. strands: a strand per work-item (methods 1 to 3). vertices: a "
+                 "vertex per work-item "
                  "(methods 2 to 4). auto: by method and number of strands. The cache does not depend on it")
       ->check(CLI::IsMember({"auto", "strands", "vertices"}));
   app.add_option("--device-memory", device_memory,
-                 "With opencl: hair takes at most so much of the device's memory, e.g. 512MiB, and goes through it in "
+                 "Hair takes at most so much of the device's memory, e.g. 512MiB, with opencl, and goes through it in "
                  "batches if need be; left out: all of it")
       ->type_name("SIZE")
       ->transform(CLI::AsSizeValue(false));

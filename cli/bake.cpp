@@ -19,6 +19,7 @@
 #include "cli/backend.h"
 #include "cli/console.h"
 #include "cli/plan_text.h"
+#include "cli/schemas.h"
 #include "cli/verbs.h"
 #include "cli/version.h"
 #include "formats/bake_state.h"
@@ -72,9 +73,7 @@ class Events {
   explicit Events(bool json) : json_(json) {}
   void emit(const nlohmann::ordered_json& event) const {
     if (!json_) return;
-    // Names of files need not be UTF-8, but JSON must.
-    fmt::print("{}\n", event.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
-    if (std::fflush(stdout) != 0) throw std::system_error(errno, std::generic_category(), "standard output");
+    print_json_line("bake", event);
   }
   void warning(const std::string& message) const {
     if (json_) {
@@ -704,7 +703,7 @@ Verb add_bake(CLI::App& app) {
       ->check(CLI::Range(1, 4096));
   app.add_option("--lanes", options->lanes,
                  "Floats in a vector: 4, 8 or 16; left out: the widest. The cache does not depend on it")
-      ->check(CLI::IsMember(available_lanes()))
+      ->check(CLI::IsMember(available_lanes()).description(""))  // help that is the same on every machine
       ->envname("STRANDBAKE_LANES");
   std::vector<std::string> skips;
   for (const NamedSkip& each : kSkips) skips.push_back(each.name);

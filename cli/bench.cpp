@@ -6,9 +6,11 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 #include "cli/backend.h"
 #include "cli/bench/benchmarks.h"
+#include "cli/schemas.h"
 #include "cli/verbs.h"
 #include "formats/error.h"
 
@@ -31,7 +33,8 @@ constexpr std::array<Benchmark, 7> kBenchmarks = {
 
 struct BenchVerbOptions {
   BenchOptions bench;
-  std::filesystem::path csv, json, svg;
+  std::filesystem::path csv, svg;
+  bool json = false;
   bool force = false;
 };
 
@@ -45,7 +48,7 @@ void write_report(const std::filesystem::path& path, const std::string& text) {
 
 int run_bench(const Benchmark& benchmark, BenchVerbOptions options) {
   // Before minutes of measuring, not after.
-  for (const std::filesystem::path& path : {options.csv, options.json, options.svg}) {
+  for (const std::filesystem::path& path : {options.csv, options.svg}) {
     if (!path.empty() && !options.force && std::filesystem::exists(path)) {
       throw DiskError(fmt::format("{}: there is a file of this name already; --force replaces it", path.string()));
     }
@@ -56,9 +59,12 @@ int run_bench(const Benchmark& benchmark, BenchVerbOptions options) {
   if (options.bench.threads == 0) options.bench.threads = omp_get_max_threads();
   options.bench.program_cache = program_cache_folder();
   const Report report = benchmark.run(options.bench);
-  fmt::print("{}", report_text(report));
+  if (options.json) {
+    print_json("bench", report_json(report));
+  } else {
+    fmt::print("{}", report_text(report));
+  }
   write_report(options.csv, report_csv(report));
-  write_report(options.json, report_json(report));
   write_report(options.svg, svg_of(report.figure));
   return kGood;
 }
@@ -73,9 +79,9 @@ Verb add_bench(CLI::App& app) {
   for (const Benchmark& benchmark : kBenchmarks) {
     CLI::App* const sub = app.add_subcommand(benchmark.name, benchmark.help);
     sub->add_option("--csv", options->csv, "Also write the table as CSV")->type_name("FILE");
-    sub->add_option("--json", options->json, "Also write machine, probes and table as JSON")->type_name("FILE");
     sub->add_option("--svg", options->svg, "Also draw a plot")->type_name("FILE");
     sub->add_flag("--force", options->force, "Replace existing files");
+    sub->add_flag("--json", options->json, "Machine, probes and table as one JSON object");
     sub->add_flag("--quick", options->bench.quick, "A first look in seconds: fewer rounds and smaller sweeps");
     sub->add_option("--threads", options->bench.threads, "Threads; left out: all cores")->check(CLI::Range(1, 4096));
     sub->add_option("--share", options->bench.share, "Use only this share of the strands of each groom")

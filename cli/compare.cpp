@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "cli/console.h"
+#include "cli/schemas.h"
 #include "cli/verbs.h"
 #include "formats/cache.h"
 #include "formats/cache_compare.h"
@@ -126,7 +127,7 @@ int run_compare_digests(const CompareVerbOptions& options, const CompareOptions&
       out["frames"].push_back({{"frame", frame.frame}, {"at_least", frame.at_least}});
       out["frames"].back()["at_most"] = frame.at_most ? nlohmann::ordered_json(*frame.at_most) : nullptr;
     }
-    fmt::print("{}\n", out.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+    print_json("compare", out);
   } else {
     for (const std::string& mismatch : found.mismatches) print_line("differs", mismatch);
     if (!found.frames.empty()) {
@@ -187,8 +188,7 @@ int run_compare(const CompareVerbOptions& options) {
       out["frames"].push_back({{"frame", frame.frame}});
       out["frames"].back().update(distances_json(frame));
     }
-    // Names need not be UTF-8, but JSON must.
-    fmt::print("{}\n", out.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+    print_json("compare", out);
   } else {
     for (const std::string& mismatch : found.mismatches) print_line("differs", mismatch);
     if (found.rest && found.rest->moved > 0) {
@@ -232,8 +232,9 @@ int run_compare(const CompareVerbOptions& options) {
 
 Verb add_compare(CLI::App& app) {
   auto options = std::make_shared<CompareVerbOptions>();
-  app.add_option("golden", options->golden, "The cache that is right, or its digest")->required();
+  app.add_option("golden", options->golden, "The cache that is right, or its digest")->type_name("FILE")->required();
   app.add_option("cache", options->cache, "The cache, the .part of one, or a digest, that is compared with it")
+      ->type_name("FILE")
       ->required();
   app.add_option("--tolerance", options->tolerance,
                  "How far a vertex may be from where it should be, in metres, e.g. 1e-5; left out: not at all")

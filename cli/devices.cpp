@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/console.h"
+#include "cli/schemas.h"
 #include "cli/verbs.h"
 #include "gpu/devices.h"
 
@@ -48,7 +49,7 @@ int run_devices(bool json) {
                         "mean square), after many by more");
     line("double", device.exact_double ? "exact: the bytes of the CPU" : "none");
   }
-  if (json) fmt::print("{}\n", list.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+  if (json) print_json("devices", {{"devices", list}});
   if (devices.empty()) {
     throw DeviceError("OpenCL is installed but lists no device; install the driver of your graphics card");
   }
@@ -59,7 +60,7 @@ int run_devices(bool json) {
 
 Verb add_devices(CLI::App& app) {
   auto json = std::make_shared<bool>(false);
-  app.add_flag("--json", *json, "As JSON");
+  app.add_flag("--json", *json, "As one JSON object");
   return [json] { return run_devices(*json); };
 }
 

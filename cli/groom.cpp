@@ -4,12 +4,14 @@
 #include <algorithm>
 #include <filesystem>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <type_traits>
 #include <variant>
 #include <vector>
 
 #include "cli/console.h"
+#include "cli/schemas.h"
 #include "cli/verbs.h"
 #include "formats/groom_file.h"
 #include "formats/procedural.h"
@@ -54,14 +56,13 @@ struct GroomOptions {
   std::string up = "+Y";
   std::string preset;
   bool force = false;
+  bool json = false;
   ProceduralParams given;
   std::vector<CLI::Option*> set;
 };
 
-Groom convert(const GroomOptions& options) {
-  Warnings warnings;
+Groom convert(const GroomOptions& options, Warnings& warnings) {
   Groom groom = read_groom(options.from, warnings);
-  for (const std::string& warning : warnings) print_warning(warning);
   const Eigen::Matrix3d turn = metres_per_unit(options.units) * to_y_up(options.up);
   for (Eigen::Vector3d& p : groom.position) p = turn * p;
   return groom;
@@ -99,10 +100,20 @@ int run_groom(const GroomOptions& options) {
     throw DiskError(
         fmt::format("{}: there is a file of this name already; --force replaces it", options.output.string()));
   }
-  const Groom groom = !options.from.empty()     ? convert(options)
+  Warnings warnings;
+  const Groom groom = !options.from.empty()     ? convert(options, warnings)
                       : !options.preset.empty() ? *make_preset(options.preset)
                                                 : make(options);
+  if (!options.json)
+    for (const std::string& warning : warnings) print_warning(warning);
   write_hair(options.output, groom);
+  if (options.json) {
+    print_json("groom", {{"output", options.output.string()},
+                         {"strands", groom.strand_count()},
+                         {"vertices", groom.vertex_count()},
+                         {"warnings", warnings}});
+    return kGood;
+  }
   fmt::print("{}: {} strands, {} vertices\n", options.output.string(), groom.strand_count(), groom.vertex_count());
   return kGood;
 }
@@ -115,6 +126,7 @@ Verb add_groom(CLI::App& app) {
       ->type_name("FILE")
       ->required();
   app.add_flag("--force", options->force, "Replace an existing file");
+  app.add_flag("--json", options->json, "Say what was written as one JSON object");
   auto* const from =
       app.add_option("--from", options->from, "Convert this .hair, .tfx or .obj file in place of making hair")
           ->type_name("FILE");

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/console.h"
+#include "cli/schemas.h"
 #include "cli/verbs.h"
 #include "formats/cache.h"
 
@@ -66,9 +67,11 @@ int run_info(const std::filesystem::path& path, bool json) {
       out["first_frame"] = cache.frame_number(0);
       out["last_frame"] = cache.frame_number(frames - 1);
     }
+    out["regions"] = nlohmann::ordered_json::array();
     for (std::size_t r = 0; r < strands.size(); ++r) {
       out["regions"].push_back({{"name", header.region_names[r]}, {"strands", strands[r]}});
     }
+    out["inputs"] = nlohmann::ordered_json::array();
     for (const auto& [name, sha256] : header.inputs) out["inputs"].push_back({{"name", name}, {"sha256", sha256}});
     if (has_stats) {
       out["largest_stretch"] = {{"value", stretch.value}, {"frame", stretch.frame}};
@@ -77,8 +80,7 @@ int run_info(const std::filesystem::path& path, bool json) {
       out["substeps"] = {
           {"least", least_substeps}, {"most", substeps.value}, {"frame", substeps.frame}, {"total", all_substeps}};
     }
-    // Names of files need not be UTF-8, but JSON must.
-    fmt::print("{}\n", out.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+    print_json("info", out);
     return kGood;
   }
 
@@ -120,7 +122,7 @@ int run_info(const std::filesystem::path& path, bool json) {
 Verb add_info(CLI::App& app) {
   auto path = std::make_shared<std::filesystem::path>();
   auto json = std::make_shared<bool>(false);
-  app.add_option("cache", *path, "A cache, or the .part of one")->required();
+  app.add_option("cache", *path, "A cache, or the .part of one")->type_name("FILE")->required();
   app.add_flag("--json", *json, "As one JSON object");
   return [path, json] { return run_info(*path, *json); };
 }

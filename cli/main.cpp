@@ -46,7 +46,7 @@ int main(int argc, char** argv) {
   add("preview", "Draw a contact sheet of a cache", add_preview);
   add("groom", "Make hair, or convert a groom to .hair", add_groom);
   add("devices", "List the OpenCL devices that can bake", add_devices);
-  add("docs", "Print the reference of the scene file", add_docs);
+  add("docs", "Print the reference of the scene file, the manual page, schemas or completions", add_docs);
   add("bench", "Measure the speed of this machine and program", add_bench);
 
   // Large blocks go back to the system when they are freed. By default glibc keeps what is as large as the largest that

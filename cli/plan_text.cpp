@@ -2,6 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <nlohmann/json.hpp>
+#include <vector>
+
 #include "cli/console.h"
 #include "sim/solver.h"
 
@@ -37,6 +40,31 @@ std::string substeps(const Shot& shot, int last_frame) {
                      bake.tolerance);
 }
 
+// Strands and vertices of each region.
+std::vector<std::pair<std::size_t, std::size_t>> count_regions(const Shot& shot) {
+  std::vector<std::pair<std::size_t, std::size_t>> counts(shot.scene.regions.size());
+  for (std::size_t s = 0; s < shot.groom.strand_count(); ++s) {
+    auto& [strands, vertices] = counts[shot.groom.region[s]];
+    ++strands;
+    vertices += shot.groom.vertex_count(s);
+  }
+  return counts;
+}
+
+struct Sizes {
+  double solver, frame, disk;  // [bytes]
+};
+Sizes sizes(const Shot& shot, std::pair<int, int> written, const SolverOptions& solver) {
+  const auto frames = static_cast<double>(written.second) - written.first + 1;
+  const int arrays = shot.scene.cache.velocity ? 2 : 1;
+  const double frame = 12.0 * arrays * static_cast<double>(shot.groom.vertex_count());
+  return {static_cast<double>(openmp_state_bytes(shot.groom, shot.plan, solver)), 2 * frame, frames * frame};
+}
+
+int frames_before(const Shot& shot, std::pair<int, int> written) {
+  return written.first - shot.scene.first_frame + shot.scene.bake.preroll;
+}
+
 }  // namespace
 
 std::string describe_plan(const Shot& shot, std::pair<int, int> written, const Backend& backend, int threads) {
@@ -61,15 +89,10 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, const B
            : fmt::format("runs, {} sphere{}{}", scene.colliders.size(), scene.colliders.size() == 1 ? "" : "s",
                          backend.device ? "" : ", each where strands are in its reach"));
 
+  const auto counts = count_regions(shot);
   for (std::size_t r = 0; r < scene.regions.size(); ++r) {
-    std::size_t strands = 0, vertices = 0;
-    for (std::size_t s = 0; s < shot.groom.strand_count(); ++s) {
-      if (shot.groom.region[s] != r) continue;
-      ++strands;
-      vertices += shot.groom.vertex_count(s);
-    }
     text += fmt::format("region \"{}\"\n", scene.regions[r].name);
-    line("strands", fmt::format("{} with {} vertices", strands, vertices));
+    line("strands", fmt::format("{} with {} vertices", counts[r].first, counts[r].second));
     if (!shot.plan.regions[r].simulated) {
       line("all passes", "skipped, simulate = false: hair rides on the head");
       continue;
@@ -83,10 +106,8 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, const B
       line("mapping", mapping == Mapping::Strands ? "a strand per work-item" : "a vertex per work-item");
     }
   }
-  const auto frames = static_cast<double>(written.second) - written.first + 1;
-  const double frame_bytes = 12.0 * static_cast<double>(shot.groom.vertex_count());
   text += "bake\n";
-  const int before = written.first - scene.first_frame + scene.bake.preroll;
+  const int before = frames_before(shot, written);
   line("frames", fmt::format("{} to {}, {} a second, {}{}", written.first, written.second, scene.bake.fps,
                              substeps(shot, written.second),
                              before > 0 ? fmt::format(", after {} that are simulated but not written", before) : ""));
@@ -95,16 +116,60 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, const B
   solver.threads = threads;
   line("solver", describe_backend(backend, solver));
   if (!backend.device) line("at rest", "strands are skipped while nothing about them changes");
-  const int arrays = scene.cache.velocity ? 2 : 1;
   line("velocity", scene.cache.velocity ? "written" : "skipped, cache.velocity = false");
   line("stats", scene.cache.stats ? "written" : "skipped, cache.stats = false");
-  const std::size_t state_bytes = openmp_state_bytes(shot.groom, shot.plan, solver);
-  line("memory", fmt::format("about {}: solver {}, frame {}",
-                             human_bytes(static_cast<double>(state_bytes) + 2 * arrays * frame_bytes),
-                             human_bytes(static_cast<double>(state_bytes)), human_bytes(2 * arrays * frame_bytes)));
-  line("disk", fmt::format("{}{}", scene.deflate_level == 0 ? "" : "less than about ",
-                           human_bytes(frames * arrays * frame_bytes)));
+  const Sizes bytes = sizes(shot, written, solver);
+  line("memory", fmt::format("about {}: solver {}, frame {}", human_bytes(bytes.solver + bytes.frame),
+                             human_bytes(bytes.solver), human_bytes(bytes.frame)));
+  line("disk", fmt::format("{}{}", scene.deflate_level == 0 ? "" : "less than about ", human_bytes(bytes.disk)));
   return text;
+}
+
+nlohmann::ordered_json plan_json(const Shot& shot, std::pair<int, int> written, const Backend& backend, int threads) {
+  using Json = nlohmann::ordered_json;
+  const Scene& scene = shot.scene;
+  const std::vector<RegionParams> params = shot.regions(scene.first_frame);
+  const auto counts = count_regions(shot);
+  Json regions = Json::array();
+  for (std::size_t r = 0; r < scene.regions.size(); ++r) {
+    const RegionPlan& plan = shot.plan.regions[r];
+    Json passes = Json::array();
+    const auto add = [&](const char* name, bool runs, const std::string& how) {
+      passes.push_back({{"pass", name}, {"runs", runs}, {"how", how}});
+    };
+    if (plan.simulated) {
+      add("wind", plan.wind, wind(plan, params[r]));
+      add("global shape", plan.global_shape, global_shape(plan, params[r]));
+      add("local shape", plan.local_shape, local_shape(plan, params[r]));
+      add("edge lengths", plan.direct_lengths || plan.edge_lengths, edge_lengths(plan, params[r]));
+    }
+    regions.push_back({{"name", scene.regions[r].name},
+                       {"strands", counts[r].first},
+                       {"vertices", counts[r].second},
+                       {"simulated", plan.simulated},
+                       {"passes", passes}});
+  }
+  SolverOptions solver;
+  solver.precision = precision_of(scene);
+  solver.threads = threads;
+  const Sizes bytes = sizes(shot, written, solver);
+  const Shot::Substeps substeps = shot.count_substeps(written.second);
+  return {{"strands", shot.groom.strand_count()},
+          {"vertices", shot.groom.vertex_count()},
+          {"head_moves", !shot.animation.nodes.empty()},
+          {"spheres", scene.colliders.size()},
+          {"regions", regions},
+          {"first_frame", written.first},
+          {"last_frame", written.second},
+          {"frames_before", frames_before(shot, written)},
+          {"fps", scene.bake.fps},
+          {"substeps", {{"least", substeps.least}, {"most", substeps.most}, {"total", substeps.total}}},
+          {"solver", describe_backend(backend, solver)},
+          {"threads", threads},
+          {"velocity", scene.cache.velocity},
+          {"stats", scene.cache.stats},
+          {"memory_bytes", bytes.solver + bytes.frame},
+          {"disk_bytes", bytes.disk}};
 }
 
 }  // namespace strandbake

@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <vector>
 
@@ -13,6 +14,7 @@
 #include "cli/draw/shape.h"
 #include "cli/draw/sheet.h"
 #include "cli/draw/strands.h"
+#include "cli/schemas.h"
 #include "cli/verbs.h"
 #include "formats/cache.h"
 #include "formats/scene.h"
@@ -29,6 +31,7 @@ struct PreviewOptions {
   View view;
   bool no_head = false;
   bool force = false;
+  bool json = false;
 };
 
 // `count` frames spread evenly, the first and the last among them.
@@ -88,6 +91,12 @@ int run_preview(const PreviewOptions& options) {
   sheet.title = fmt::format("{}   {} strands   {} vertices   {} fps", options.cache.filename().string(),
                             header.offset.size() - 1, cache.vertex_count(), header.fps);
   write_png(make_contact_sheet(tiles, sheet), options.output);
+  if (options.json) {
+    nlohmann::ordered_json numbers = nlohmann::ordered_json::array();
+    for (const std::size_t frame : frames) numbers.push_back(cache.frame_number(frame));
+    print_json("preview", {{"output", options.output.string()}, {"frames", numbers}});
+    return kGood;
+  }
   fmt::print("{}: {} frame{}\n", options.output.string(), frames.size(), frames.size() == 1 ? "" : "s");
   return kGood;
 }
@@ -96,7 +105,7 @@ int run_preview(const PreviewOptions& options) {
 
 Verb add_preview(CLI::App& app) {
   auto options = std::make_shared<PreviewOptions>();
-  app.add_option("cache", options->cache, "A cache, or the .part of one")->required();
+  app.add_option("cache", options->cache, "A cache, or the .part of one")->type_name("FILE")->required();
   app.add_option("-o,--output", options->output, "The picture (PNG)")->type_name("FILE")->required();
   app.add_option("--frames", options->frames, "Choose among these frames only, e.g. 100-120")
       ->type_name("A-B")
@@ -115,6 +124,7 @@ Verb add_preview(CLI::App& app) {
       ->capture_default_str();
   app.add_flag("--no-head", options->no_head, "Without the stand-in for the head");
   app.add_flag("--force", options->force, "Replace an existing file");
+  app.add_flag("--json", options->json, "Say what was drawn as one JSON object");
   return [options] { return run_preview(*options); };
 }
 

@@ -28,7 +28,7 @@ int default_threads(std::size_t vertices) {
 }
 
 void SceneOptions::add_to(CLI::App& app) {
-  app.add_option("scene", scene, "The scene file (TOML)")->required();
+  app.add_option("scene", scene, "The scene file (TOML)")->type_name("FILE")->required();
   app.add_option("--set", overrides,
                  "Set a parameter in place of the scene's, e.g. bake.substeps=8 or region.tail.damping=0.2")
       ->type_name("KEY=VALUE")
@@ -36,7 +36,7 @@ void SceneOptions::add_to(CLI::App& app) {
       ->expected(1);
   app.add_option("--search", search,
                  "Folder for files that are not beside the scene; STRANDBAKE_PATH lists more, divided by ':'")
-      ->type_name("DIR")
+      ->type_name("FOLDER")
       ->take_all()
       ->expected(1);
   app.parse_complete_callback([this] {

@@ -268,6 +268,23 @@ std::vector<std::pair<std::size_t, std::size_t>> parse_ranges(std::string_view t
 // what is left out omitted: the provenance of a cache. Holds nothing of the machine; files are named as the scene does.
 std::vector<std::pair<std::string, std::string>> list_parameters(const Scene& scene);
 
+// A parameter as docs/SCENE.md lists it; what does not apply is empty.
+struct ParameterDescription {
+  std::string key;  // within its table, "local.stiffness"
+  std::string type, unit;
+  std::string value;  // the default, as TOML
+  std::string range;
+  bool is_keyed = false;
+  std::string help;
+};
+struct TableDescription {
+  std::string name;
+  bool is_list = false;  // [[name]]
+  std::string help;
+  std::vector<ParameterDescription> parameters;
+};
+std::vector<TableDescription> describe_scene();
+
 // docs/SCENE.md, and a commented scene with every parameter at its default.
 std::string scene_reference();
 std::string default_scene();

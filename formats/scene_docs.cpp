@@ -139,16 +139,15 @@ Description describe(const std::string& field, const Text& text) {
           text.choices.empty() ? std::string() : listed({text.choices.begin(), text.choices.end()}), false};
 }
 
-// The rows of one table of the page, nested structs with dotted keys.
-class Rows {
+// The parameters of one table, those of nested structs with dotted keys.
+class Parameters {
  public:
-  Rows(std::string& out, std::string prefix) : out_(out), prefix_(std::move(prefix)) {}
+  Parameters(std::vector<ParameterDescription>& out, std::string prefix) : out_(out), prefix_(std::move(prefix)) {}
 
   template <class T, class Allowed>
   void operator()(const char* name, T& field, const Allowed& allowed, const char* unit, const char* help) {
     const Description d = describe(field, allowed);
-    const std::string value = d.value.empty() ? std::string() : '`' + d.value + '`';
-    row(name, d.type, unit_text(unit), value, d.range, d.is_keyed, help);
+    out_.push_back({prefix_ + name, d.type, unit_text(unit), d.value, d.range, d.is_keyed, help});
   }
   template <class T>
   void operator()(const char* name, T& field, const char* help) {
@@ -166,47 +165,40 @@ class Rows {
   }
 
  private:
-  void row(const char* name, const std::string& type, const std::string& unit, const std::string& value,
-           const std::string& range, bool is_keyed, const std::string& help) {
-    out_ += fmt::format("| `{}{}` | {} | {} | {} | {} | {} | {} |\n", prefix_, name, type, unit, value, range,
-                        is_keyed ? "yes" : "", help);
-  }
   template <class T>
   void nest(const char* name, const char* type, const char* suffix, T& field, const char* help) {
-    row(name, type, "", "", "", false, help);
-    Rows inner(out_, prefix_ + name + suffix + '.');
+    out_.push_back({prefix_ + name, type, "", "", "", false, help});
+    Parameters inner(out_, prefix_ + name + suffix + '.');
     fields(inner, field);
   }
 
-  std::string& out_;
+  std::vector<ParameterDescription>& out_;
   std::string prefix_;
 };
 
-// A section for each table of the scene.
-class Sections {
+class Tables {
  public:
-  explicit Sections(std::string& out) : out_(out) {}
+  explicit Tables(std::vector<TableDescription>& out) : out_(out) {}
 
   template <class T>
   void operator()(const char* name, T& field, const char* help) {
-    section(fmt::format("[{}]", name), field, help);
+    add(name, false, field, help);
   }
   template <class T>
   void operator()(const char* name, std::vector<T>&, const char* help) {
     T item;
-    section(fmt::format("[[{}]]", name), item, help);
+    add(name, true, item, help);
   }
 
  private:
   template <class T>
-  void section(const std::string& heading, T& field, const char* help) {
-    out_ += fmt::format("\n## `{}`\n\n{}\n\n", heading, help);
-    out_ += "| key | type | unit | default | range | keyed | what it does |\n|---|---|---|---|---|---|---|\n";
-    Rows rows(out_, "");
-    fields(rows, field);
+  void add(const char* name, bool is_list, T& field, const char* help) {
+    out_.push_back({name, is_list, help, {}});
+    Parameters parameters(out_.back().parameters, "");
+    fields(parameters, field);
   }
 
-  std::string& out_;
+  std::vector<TableDescription>& out_;
 };
 
 // The lines of the default scene. What has no default is commented out.
@@ -294,11 +286,26 @@ class DefaultTables {
 
 }  // namespace
 
+std::vector<TableDescription> describe_scene() {
+  std::vector<TableDescription> out;
+  Scene defaults;
+  Tables tables(out);
+  fields(tables, defaults);
+  return out;
+}
+
 std::string scene_reference() {
   std::string out = intro;
-  Scene defaults;
-  Sections sections(out);
-  fields(sections, defaults);
+  for (const TableDescription& table : describe_scene()) {
+    const std::string heading = fmt::format(fmt::runtime(table.is_list ? "[[{}]]" : "[{}]"), table.name);
+    out += fmt::format("\n## `{}`\n\n{}\n\n", heading, table.help);
+    out += "| key | type | unit | default | range | keyed | what it does |\n|---|---|---|---|---|---|---|\n";
+    for (const ParameterDescription& p : table.parameters) {
+      const std::string value = p.value.empty() ? std::string() : '`' + p.value + '`';
+      out += fmt::format("| `{}` | {} | {} | {} | {} | {} | {} |\n", p.key, p.type, p.unit, value, p.range,
+                         p.is_keyed ? "yes" : "", p.help);
+    }
+  }
   out += example;
   return out;
 }

@@ -57,7 +57,7 @@ std::string report_csv(const Report& report) {
   return text + csv_of(report.table);
 }
 
-std::string report_json(const Report& report) {
+nlohmann::ordered_json report_json(const Report& report) {
   using Json = nlohmann::ordered_json;
   Json machine = Json::object();
   for (const auto& [name, value] : describe_machine()) machine[name] = value;
@@ -86,14 +86,9 @@ std::string report_json(const Report& report) {
     }
     rows.push_back(object);
   }
-  return Json{{"benchmark", report.benchmark},
-              {"what", report.what},
-              {"machine", machine},
-              {"probes", probes},
-              {"rows", rows},
-              {"notes", report.notes}}
-             .dump(1) +
-         '\n';
+  return Json{
+      {"benchmark", report.benchmark}, {"what", report.what}, {"machine", machine}, {"probes", probes}, {"rows", rows},
+      {"notes", report.notes}};
 }
 
 }  // namespace strandbake

@@ -1,6 +1,7 @@
 // What a benchmark hands back, and how it is told.
 #pragma once
 
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,6 @@ std::string report_text(const Report& report);
 // The table, with machine and probes in lines that start with '#' before it.
 std::string report_csv(const Report& report);
 // {"benchmark", "what", "machine": {...}, "probes": [...], "rows": [{...}], "notes": [...]}
-std::string report_json(const Report& report);
+nlohmann::ordered_json report_json(const Report& report);
 
 }  // namespace strandbake

@@ -3,6 +3,8 @@
 STRANDBAKE_PROGRAM names the program, STRANDBAKE_SOURCE the project's folder; left out: the release build of this project.
 """
 
+import functools
+import json
 import os
 import pathlib
 import struct
@@ -10,6 +12,7 @@ import subprocess
 from types import SimpleNamespace
 
 import h5py
+import jsonschema
 import numpy as np
 import pytest
 
@@ -52,6 +55,31 @@ def hanging(strands=5, vertices=6, length=0.1):
     return points
 
 
+def strict_schema(schema):
+    """The schema without fields that it does not name: scripts must ignore those, the program must not print them."""
+    if isinstance(schema, list):
+        return [strict_schema(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    strict = {key: strict_schema(part) for key, part in schema.items()}
+    if schema.get("type") == "object" and "properties" in schema:
+        strict.setdefault("additionalProperties", False)
+    return strict
+
+
+@functools.cache
+def validator(verb):
+    return jsonschema.Draft202012Validator(strict_schema(json.loads((SOURCE / f"docs/schemas/{verb}.json").read_text())))
+
+
+def validated(verb, out):
+    """The JSON objects that a verb printed, each held against its schema: an event a line, or one object."""
+    objects = [json.loads(line) for line in out.splitlines()] if verb == "bake" else [json.loads(out)]
+    for each in objects:
+        validator(verb).validate(each)
+    return objects
+
+
 class Shot:
     """A folder with a groom in it, and the program run in it."""
 
@@ -72,6 +100,8 @@ class Shot:
         run = subprocess.run([PROGRAM, *map(os.fspath, arguments)], cwd=cwd or self.folder, env={**ENVIRONMENT, **(env or {})},
                              stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=600,
                              check=False, **more)
+        if "--json" in arguments and run.stdout:
+            validated(arguments[0], run.stdout)
         return SimpleNamespace(code=run.returncode, out=run.stdout, err=run.stderr)
 
     def start(self, *arguments, **more):

@@ -62,7 +62,7 @@ def device(shot):
     listed = shot.run("devices", "--json")
     if listed.code != GOOD:
         pytest.skip("there is no OpenCL device")
-    devices = json.loads(listed.out)
+    devices = json.loads(listed.out)["devices"]
     if not devices[0]["exact_float"]:
         pytest.skip("the first OpenCL device does not divide exactly")
     return devices[0]

@@ -20,7 +20,10 @@ LONG = "1-1000000"  # far longer than a test waits
 
 
 def events_of(run):
-    return [json.loads(line) for line in run.out.splitlines()]
+    """What a bake told, but for the name of the schema."""
+    events = [json.loads(line) for line in run.out.splitlines()]
+    assert all(event.pop("schema").startswith("urn:strandbake:bake:") for event in events)
+    return events
 
 
 # What it says

@@ -30,8 +30,8 @@ void fields(V& v, BakeParams& p) {
   v("frames", p.frames, any_text(), "frame", "First and last frame, \"1-240\", or one frame, \"7\".");
   v("fps", p.fps, Range{0, 100000, true}, "1/s", "Frames a second.");
   v("quality", p.quality, one_of({"none", "draft", "normal", "fine"}), "",
-    "A preset for what the scene leaves open: bake.substeps (1, 4, 16) and the local.method of each region (3, which "
-    "converges). docs/ACCURACY.md has the error and the time of each.");
+    "A preset for what the scene leaves open: bake.substeps (1, 4, 16) and the local.method of each region (3, the "
+    "fastest). docs/ACCURACY.md has the error and the time of each.");
   v("substeps", p.substeps, or_auto(between(1, 1000)), "1",
     "Steps of the simulation in a frame; head and colliders move in each. \"auto\": as many as the motion of head "
     "and colliders needs, in the frame and for as long as damping lets hair ring on, one where all is calm; wind, "

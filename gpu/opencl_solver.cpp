@@ -258,6 +258,8 @@ std::string Implementation<Scalar>::build_options(bool any_masked, bool any_ride
   define(any([](const RegionPlan& r) { return r.sag_free; }), "HAS_SUPPORT");
   define(any([](const RegionPlan& r) { return r.global_shape; }), "HAS_GLOBAL_SHAPE");
   define(any([](const RegionPlan& r) { return r.local_shape; }), "HAS_LOCAL_SHAPE");
+  define(any([](const RegionPlan& r) { return r.local_shape && r.reacts; }), "HAS_REACTION");
+  define(!any([](const RegionPlan& r) { return r.local_shape && !r.reacts; }), "ALL_REACT");
   define(any([](const RegionPlan& r) { return r.edge_lengths && !r.direct_lengths; }), "HAS_EDGE_LENGTHS");
   define(any_direct_lengths(), "HAS_DIRECT_LENGTHS");
   define(plan_.colliders, "HAS_SPHERES");
@@ -348,6 +350,7 @@ void Implementation<Scalar>::make_batch(Batch& batch, const Groom& groom) {
     row.root_frame = place(block.root_frame);
     row.local_edge = place(block.local_edge);
     row.remainder = place(block.remainder);
+    row.lever = place(block.lever);
     row.frame_x = place(block.frame_x);
     row.frame_y = place(block.frame_y);
     row.support = place(block.support);
@@ -666,7 +669,7 @@ void Implementation<Scalar>::start(const FrameInput& input) {
     reals[kDragH2] = step.drag_h2;
     reals[kGlobalStiffness] = step.global_stiffness;
     reals[kStepRatio2] = step.step_ratio2;
-    reals[kHalfLocalStiffness] = step.half_local_stiffness;
+    reals[kLocalStiffness] = step.local_stiffness;
     region_reals.insert(region_reals.end(), std::begin(reals), std::end(reals));
     cl_int ints[kRegionInts];
     ints[kSupported] = step.supported;
@@ -675,6 +678,7 @@ void Implementation<Scalar>::start(const FrameInput& input) {
     ints[kLocalShape] = step.local_shape;
     ints[kLocalMethod] = step.local_method;
     ints[kLocalIterations] = step.local_iterations;
+    ints[kReacts] = step.reacts;
     ints[kDirectLengths] = step.direct_lengths;
     ints[kLengthIterations] = step.length_iterations;
     region_ints.insert(region_ints.end(), std::begin(ints), std::end(ints));

@@ -24,15 +24,16 @@ struct Block {
   Scalar* root_frame;  // [2] vectors: x and y of the rest frame at the root
   Scalar* local_edge;  // [vertices] vectors: l (methods 1, 2 and 4)
   Scalar* remainder;   // [vertices] vectors: what rounding leaves of l (methods 1, 2 and 4)
+  Scalar* lever;       // [vertices]: rho / L of local_shape.h (with a reaction)
   Scalar* frame_x;     // [vertices] vectors: frames of the last iteration (method 2; method 4, sag-free)
   Scalar* frame_y;
-  Scalar* support;      // [vertices] vectors: c of support.h (methods 1, 2 and 4, sag-free)
-  Scalar* length;       // [vertices]: L of the segment that ends at a vertex (where held or measured)
-  Scalar* tension;      // [vertices] (direct lengths): T of that segment, as the last substep has found it
-  Scalar* fade;         // [global_end]: w of the global shape
-  Scalar* free;         // [vertices] if masked: 1 free, 0 pinned or padding
-  Scalar* active;       // [vertices] if masked: 1 where the segment that ends at a vertex exists
-  Scalar* swept;        // [vertices] if masked (direct or measured): 1 where no pinned vertex ends it or comes after
+  Scalar* support;  // [vertices] vectors: c of support.h (methods 1, 2 and 4, sag-free)
+  Scalar* length;   // [vertices]: L of the segment that ends at a vertex (where held or measured, or a reaction asks)
+  Scalar* tension;  // [vertices] (direct lengths): T of that segment, as the last substep has found it
+  Scalar* fade;     // [global_end]: w of the global shape
+  Scalar* free;     // [vertices] if masked: 1 free, 0 pinned or padding
+  Scalar* active;   // [vertices] if masked: 1 where the segment that ends at a vertex exists
+  Scalar* swept;    // [vertices] if masked (direct or measured): 1 where no pinned vertex ends it or comes after
   Scalar* elimination;  // [vertices] of two numbers, where asked for: direct lengths, what a substep works out
   Scalar* wind_weight;  // [4]: blend of the four gusts
   bool at_rest;         // the last substep changed not a bit, and neither would another with the same input
@@ -64,9 +65,10 @@ struct RegionStep {
   Scalar drag_h2;                        // drag times h^2 [s]
   Scalar global_stiffness;               // S_G at 1/60 s
   Scalar step_ratio2;                    // (h0 / h)^2
-  Scalar half_local_stiffness;           // S_L / 2 at this substep
+  Scalar local_stiffness;                // S_L at this substep
   int local_iterations;
   int local_method;
+  bool reacts;  // local constraints have a reaction
   bool direct_lengths;
   int length_iterations;  // 0 where direct
   bool repeats;           // all of the above, but for what is kept of a velocity, is as it was in the last frame
@@ -76,7 +78,7 @@ struct RegionStep {
 template <class Scalar>
 struct Workspace {
   Scalar* error;  // [vertices]: of edge lengths; direct lengths, g
-  Scalar* share;  // [vertices]: direct lengths, c, then b / m
+  Scalar* share;  // [vertices]: local shape, |m| / |d|; direct lengths, c, then b / m
   Scalar* edge;   // [vertices] vectors: method 3, rest edges turned; direct lengths, u, then positions before the walk
   Scalar* frame_x;  // [vertices] vectors: method 4, x and y along the edges now
   Scalar* frame_y;

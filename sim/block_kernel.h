@@ -1,6 +1,8 @@
 // Algorithm 1 of the paper on one block of strands. Included by the files lanes_*.cpp alone, once per instruction set.
 #pragma once
 
+#include <type_traits>
+
 #include "sim/block.h"
 #include "sim/lanes.h"
 #include "sim/pair.h"
@@ -154,6 +156,8 @@ struct BlockStep {
     integrate_and_pull(global_end, block.vertices, false, keep, windy, wind, frame);
   }
 
+  STRANDBAKE_INLINE Real half_stiffness() const { return Real(Scalar(0.5) * region.local_stiffness); }
+
   // Method 1 (Algorithm 3): each constraint is followed by the update of the next frame. The chain of operations is
   // serial and long, but an iteration can follow the one before it two vertices behind; so two of them walk down the
   // strand side by side.
@@ -162,9 +166,18 @@ struct BlockStep {
     Frame<R> frame;  // of the segment that ends at `near`
     Vec3<R> near;
   };
-  static STRANDBAKE_INLINE Vec3<Pair<Real>> both(Vec a, Vec b) { return {{a.x, b.x}, {a.y, b.y}, {a.z, b.z}}; }
-  static STRANDBAKE_INLINE Vec ahead(Vec3<Pair<Real>> v) { return {v.x.first, v.y.first, v.z.first}; }
-  static STRANDBAKE_INLINE Vec behind(Vec3<Pair<Real>> v) { return {v.x.second, v.y.second, v.z.second}; }
+  template <class R>
+  static STRANDBAKE_INLINE Vec3<Pair<Real, R>> both(Vec a, Vec3<R> b) {
+    return {{a.x, b.x}, {a.y, b.y}, {a.z, b.z}};
+  }
+  template <class R>
+  static STRANDBAKE_INLINE Vec ahead(Vec3<Pair<Real, R>> v) {
+    return {v.x.first, v.y.first, v.z.first};
+  }
+  template <class R>
+  static STRANDBAKE_INLINE Vec3<R> behind(Vec3<Pair<Real, R>> v) {
+    return {v.x.second, v.y.second, v.z.second};
+  }
 
   template <bool First>
   STRANDBAKE_INLINE void step(Walk<Real>& walk, int i, Real half) const {
@@ -199,14 +212,14 @@ struct BlockStep {
     walk.near = far;
   }
   STRANDBAKE_INLINE void local_shape_exact() const {
-    const Real half(region.half_local_stiffness);
+    const Real half = half_stiffness();
     Walk<Real> walk = {root_frame(), q[1]};
     if (block.vertices > 2) step<true>(walk, 2, half);
     for (int i = 3; i < block.vertices; ++i) step<false>(walk, i, half);
     q[block.vertices - 1] = walk.near;
   }
   STRANDBAKE_INLINE void local_shape_exact_twice() const {  // needs five vertices
-    const Real half(region.half_local_stiffness);
+    const Real half = half_stiffness();
     const int n = block.vertices;
     Walk<Real> one = {root_frame(), q[1]};
     Walk<Real> two = one;
@@ -224,7 +237,181 @@ struct BlockStep {
     q[n - 1] = two.near;
   }
 
-  // Method 2 (Algorithm 4): constraints in two batches with the frames of the last iteration, then new frames.
+  // With a reaction: how far constraints move, for all iterations of a substep.
+  STRANDBAKE_INLINE void find_shape_shares() const {
+    const Real* const lever = reals(block.lever);
+    const Real* const length = reals(block.length);
+    const Real stiffness(region.local_stiffness);
+    for (int i = 2; i < block.vertices; ++i) {
+      const Real near = Masked ? reals(block.free)[i - 1] : Real(Scalar(i > 2 ? 1 : 0));
+      const Real before = Masked ? reals(block.free)[i - 2] : Real(Scalar(i > 3 ? 1 : 0));
+      reals(workspace.share)[i] = shape_share(stiffness, shape_weight(lever[i] * length[i], near, before));
+    }
+  }
+
+  // Row i of an array; as a pair rows i and i + gap, and so on.
+  template <class R, class T>
+  static STRANDBAKE_INLINE auto rows(const T* a, int i, int gap) {
+    if constexpr (std::is_same_v<R, Real>) {
+      return a[i];
+    } else if constexpr (std::is_same_v<T, Real>) {
+      return R(a[i], rows<typename R::Behind>(a, i + gap, gap));
+    } else {
+      return both(a[i], rows<typename R::Behind>(a, i + gap, gap));
+    }
+  }
+  template <class R>
+  static STRANDBAKE_INLINE void set_rows(Vec* a, int i, int gap, Vec3<R> v) {
+    if constexpr (std::is_same_v<R, Real>) {
+      a[i] = v;
+    } else {
+      a[i] = ahead(v);
+      set_rows(a, i + gap, gap, behind(v));
+    }
+  }
+  // v with the chain that is farthest behind taken from `other`.
+  template <class R>
+  static STRANDBAKE_INLINE Vec3<R> with_last_of(Vec3<R> v, Vec3<R> other) {
+    if constexpr (std::is_same_v<R, Real>) {
+      return other;
+    } else {
+      return both(ahead(v), with_last_of(behind(v), behind(other)));
+    }
+  }
+
+  // The constraint at vertex i, or those at i and i + gap, with the reaction.
+  template <class R>
+  struct Bend {
+    Vec3<R> before, near, far;
+  };
+  template <class R>
+  STRANDBAKE_INLINE void react(const Frame<R>& frame, int i, int gap, Bend<R>& at) const {
+    const Vec3<R> local = rows<R>(vectors(block.local_edge), i, gap);
+    Vec3<R> move = local_shape_error(frame, local, rows<R>(vectors(block.remainder), i, gap), at.far - at.near) *
+                   rows<R>(reals(workspace.share), i, gap);
+    if constexpr (Masked) move = move * rows<R>(reals(block.active), i, gap);
+    const Vec3<R> back = shape_reaction(frame, local, move, rows<R>(reals(block.lever), i, gap));
+    if constexpr (Masked) {
+      at.before = at.before - back * rows<R>(reals(block.free), i - 2, gap);
+      at.near = at.near + (back - move) * rows<R>(reals(block.free), i - 1, gap);
+      at.far = at.far + move * rows<R>(reals(block.free), i, gap);
+    } else {
+      at.before = at.before - back;
+      at.near = at.near + (back - move);
+      at.far = at.far + move;
+    }
+  }
+  // Method 1 so. An iteration can follow the one before it three vertices behind, so three of them walk side by side.
+  template <class R>
+  struct ReactingWalk {
+    Frame<R> frame;  // of the segment from `before` to `near`
+    Vec3<R> before, near;
+  };
+  // `Last`: the vertex at which the last of them is, where it is one that follows a held one.
+  template <int Last, class R>
+  STRANDBAKE_INLINE void step(ReactingWalk<R>& walk, int i) const {
+    Bend<R> at = {walk.before, walk.near, rows<R>(q, i, -3)};
+    react(walk.frame, i, -3, at);
+    if constexpr (!Masked && Last > 0) at.before = with_last_of(at.before, walk.before);
+    if constexpr (!Masked && Last == 2) at.near = with_last_of(at.near, walk.near);
+    set_rows(q, i - 2, -3, at.before);
+    walk.frame = turn_frame(walk.frame, at.far - at.near);
+    walk.before = at.near;
+    walk.near = at.far;
+  }
+  // From vertex `begin`, where the last of them is at vertex 2.
+  template <class R>
+  STRANDBAKE_INLINE void start(ReactingWalk<R>& walk, int begin, int end) const {
+    step<2>(walk, begin);
+    step<3>(walk, begin + 1);
+    for (int i = begin + 2; i < end; ++i) step<0>(walk, i);
+  }
+  template <class R>
+  static STRANDBAKE_INLINE ReactingWalk<Pair<Real, R>> both(const ReactingWalk<Real>& a, const ReactingWalk<R>& b) {
+    return {{both(a.frame.x, b.frame.x), both(a.frame.y, b.frame.y)}, both(a.before, b.before), both(a.near, b.near)};
+  }
+  template <class R>
+  static STRANDBAKE_INLINE ReactingWalk<Real> ahead(const ReactingWalk<Pair<Real, R>>& walk) {
+    return {{ahead(walk.frame.x), ahead(walk.frame.y)}, ahead(walk.before), ahead(walk.near)};
+  }
+  template <class R>
+  static STRANDBAKE_INLINE ReactingWalk<R> behind(const ReactingWalk<Pair<Real, R>>& walk) {
+    return {{behind(walk.frame.x), behind(walk.frame.y)}, behind(walk.before), behind(walk.near)};
+  }
+  // The first of them is at the tip; the others walk on.
+  STRANDBAKE_INLINE void end(const ReactingWalk<Real>& walk) const {
+    q[block.vertices - 2] = walk.before;
+    q[block.vertices - 1] = walk.near;
+  }
+  template <class R>
+  STRANDBAKE_INLINE void end(const ReactingWalk<Pair<Real, R>>& walk) const {
+    end(ahead(walk));
+    ReactingWalk<R> others = behind(walk);
+    for (int i = block.vertices - 3; i < block.vertices; ++i) step<0>(others, i);
+    end(others);
+  }
+  // As many iterations as there is room for on the strand, `most` at most. How many.
+  STRANDBAKE_INLINE int reacting_shape_exact(int most) const {
+    const int n = block.vertices;
+    const ReactingWalk<Real> root = {root_frame(), q[0], q[1]};
+    ReactingWalk<Real> one = root;
+    if (n == 3) {
+      step<2>(one, 2);
+      end(one);
+      return 1;
+    }
+    if (most == 1 || n < 7) {
+      start(one, 2, n);
+      end(one);
+      return 1;
+    }
+    start(one, 2, 5);
+    ReactingWalk<Pair<Real>> two = both(one, root);
+    if (most == 2 || n < 10) {
+      start(two, 5, n);
+      end(two);
+      return 2;
+    }
+    start(two, 5, 8);
+    ReactingWalk<Pair<Real, Pair<Real>>> three = both(ahead(two), both(behind(two), root));
+    start(three, 8, n);
+    end(three);
+    return 3;
+  }
+
+  // Frame(i, gap): before vertex i, or before vertices i and i + gap.
+  template <class R, class FrameBefore>
+  STRANDBAKE_INLINE void bend(const FrameBefore& frame, int i) const {
+    Bend<R> at = {rows<R>(q, i - 2, 3), rows<R>(q, i - 1, 3), rows<R>(q, i, 3)};
+    react(frame.template before<R>(i, 3), i, 3, at);
+    set_rows(q, i - 2, 3, at.before);
+    set_rows(q, i - 1, 3, at.near);
+    set_rows(q, i, 3, at.far);
+  }
+  // The three batches; two constraints of one at a time.
+  template <class FrameBefore>
+  STRANDBAKE_INLINE void reacting_sweep(const FrameBefore& frame) const {
+    const int n = block.vertices;
+    const Vec root = q[0], second = q[1];
+    for (int batch = 2; batch <= 4; ++batch) {
+      int i = batch;
+      for (; i + 3 < n; i += 6) bend<Pair<Real>>(frame, i);
+      if (i < n) bend<Real>(frame, i);
+      q[0] = root;  // which no constraint moves
+      q[1] = second;
+    }
+  }
+
+  struct LaggedFrames {
+    const Vec *x, *y;
+    template <class R>
+    STRANDBAKE_INLINE Frame<R> before(int i, int gap) const {
+      return {rows<R>(x, i - 1, gap), rows<R>(y, i - 1, gap)};
+    }
+  };
+
+  // Method 2 (Algorithm 4): constraints in two batches, or three, with the frames of the last iteration, then new
+  // frames.
   struct LaggedShape {
     const BlockStep& at;
     const Vec *frame_x, *frame_y, *local_edge, *remainder;
@@ -241,8 +428,12 @@ struct BlockStep {
     const FRAME root = root_frame();
     frame_x[1] = root.x;
     frame_y[1] = root.y;
-    sweep(LaggedShape{*this, frame_x, frame_y, vectors(block.local_edge), vectors(block.remainder),
-                      Real(region.half_local_stiffness)});
+    if (region.reacts) {
+      reacting_sweep(LaggedFrames{frame_x, frame_y});
+    } else {
+      sweep(
+          LaggedShape{*this, frame_x, frame_y, vectors(block.local_edge), vectors(block.remainder), half_stiffness()});
+    }
     // From the tip, so that each new frame still sees the old one before it; two at a time, as in method 1.
     int i = block.vertices - 1;
     for (; i >= 3; i -= 2) {
@@ -277,10 +468,10 @@ struct BlockStep {
     for (int i = 2; i < block.vertices; ++i) edge[i] = rotate_by_rows(row_x, row_y, row_z, rest[i] - rest[i - 1]);
   }
   STRANDBAKE_INLINE void local_shape_rest() const {
-    sweep(RestShape{*this, vectors(workspace.edge), Real(region.half_local_stiffness)});
+    sweep(RestShape{*this, vectors(workspace.edge), half_stiffness()});
   }
 
-  // Method 4: in each iteration the exact frames of the whole strand (passes/frame_scan.h), then constraints in two
+  // Method 4: in each iteration the exact frames of the whole strand (passes/frame_scan.h), then constraints in
   // batches with them.
   struct ScannedShape {
     const BlockStep& at;
@@ -289,10 +480,22 @@ struct BlockStep {
     const TWIST* twist;
     const Vec *local_edge, *remainder;
     Real half;
+    STRANDBAKE_INLINE FRAME frame_before(int i) const {
+      return twisted_frame({frame_x[i - 1], frame_y[i - 1]}, twist[i - 1]);
+    }
+    template <class R>
+    STRANDBAKE_INLINE Frame<R> before(int i, int gap) const {
+      if constexpr (std::is_same_v<R, Real>) {
+        return i == 2 ? root : frame_before(i);
+      } else {
+        const FRAME one = before<Real>(i, gap), two = frame_before(i + gap);
+        return {both(one.x, two.x), both(one.y, two.y)};
+      }
+    }
     template <bool First>
     STRANDBAKE_INLINE void apply(Vec& near, Vec& far, int i) const {
       FRAME frame = root;
-      if constexpr (!First) frame = twisted_frame({frame_x[i - 1], frame_y[i - 1]}, twist[i - 1]);
+      if constexpr (!First) frame = frame_before(i);
       at.template part<First>(near, far, local_shape_error(frame, local_edge[i], remainder[i], far - near) * half, i);
     }
   };
@@ -324,9 +527,19 @@ struct BlockStep {
   STRANDBAKE_INLINE void local_shape_scanned() const {
     const FRAME root = root_frame();
     scan_frames(root);
-    sweep(ScannedShape{*this, root, vectors(workspace.frame_x), vectors(workspace.frame_y),
-                       reinterpret_cast<const TWIST*>(workspace.twist), vectors(block.local_edge),
-                       vectors(block.remainder), Real(region.half_local_stiffness)});
+    const ScannedShape shape{*this,
+                             root,
+                             vectors(workspace.frame_x),
+                             vectors(workspace.frame_y),
+                             reinterpret_cast<const TWIST*>(workspace.twist),
+                             vectors(block.local_edge),
+                             vectors(block.remainder),
+                             half_stiffness()};
+    if (region.reacts) {
+      reacting_sweep(shape);
+    } else {
+      sweep(shape);
+    }
   }
 
   STRANDBAKE_INLINE void keep_scanned_frames() const {
@@ -341,8 +554,13 @@ struct BlockStep {
   STRANDBAKE_INLINE void local_shape() const {
     const int iterations = region.local_iterations;
     int done = 0;
+    if (region.reacts) find_shape_shares();
     switch (region.local_method) {
       case 1:
+        if (region.reacts) {
+          while (done < iterations && block.vertices > 2) done += reacting_shape_exact(iterations - done);
+          break;
+        }
         for (; iterations - done >= 2 && block.vertices >= 5; done += 2) local_shape_exact_twice();
         for (; done < iterations; ++done) local_shape_exact();
         break;
@@ -393,17 +611,34 @@ struct BlockStep {
   static STRANDBAKE_INLINE Real smaller(Real a, Real b) { return select(a < b, a, b); }
   static STRANDBAKE_INLINE Real larger(Real a, Real b) { return select(a > b, a, b); }
 
-  // direct_length.h: lets the tension act, with `scale` as there. Leaves a in its place.
-  STRANDBAKE_INLINE void apply_tension(Real scale) const {
+  // direct_length.h: hands back what tension will take, with `scale` as there. Leaves T / L in the place of T.
+  STRANDBAKE_INLINE void return_tension(Real scale) const {
+    const Real* const length = reals(block.length);
+    Real* const tension = reals(block.tension);
+    Vec moved = p[1] - q[1];
+    Vec here = moved;  // of the segment before, from the second on
+    for (int i = 2; i < block.vertices; ++i) {
+      tension[i] = tension_ratio(tension[i], scale, length[i]);
+      const Vec moved_far = p[i] - q[i];
+      const Vec far = tension_return(tension[i], moved_far - moved);
+      if (i > 2) q[i - 1] = q[i - 1] - (here - far);
+      moved = moved_far;
+      here = far;
+    }
+    const int tip = block.vertices - 1;
+    if (tip >= 2) q[tip] = q[tip] - here;
+  }
+
+  // direct_length.h: lets the tension act. Finds T / L in the place of T and leaves a.
+  STRANDBAKE_INLINE void apply_tension() const {
     const int n = block.vertices;
     if (n < 3) return;
-    const Real* const length = reals(block.length);
     Real* const tension = reals(block.tension);
     Real* const share = reals(workspace.share);
     const Real one(Scalar(1));
     Real most(Scalar(0));
     for (int i = 2; i < n; ++i) {
-      tension[i] = tension_pull(tension[i], scale, length[i]);
+      tension[i] = tension_pull(tension[i]);
       most = larger(tension[i], most);
     }
     if (!any(most > Real(Scalar(0)))) return;
@@ -569,10 +804,11 @@ struct BlockStep {
   }
 
   STRANDBAKE_INLINE void run(bool first) const {
+    if (region.direct_lengths) return_tension(Real(first ? region.tension_first : Scalar(1)));
     integrate_and_pull(Real(first ? region.keep_first : region.keep));
     if (region.local_shape) local_shape();
     if (region.direct_lengths) {
-      apply_tension(Real(first ? region.tension_first : Scalar(1)));
+      apply_tension();
       for (int round = 0; round < LENGTH_ROUNDS; ++round) solve_lengths(round == 0);
       sweep_lengths();
       return;

@@ -64,8 +64,8 @@ bool asks_the_same(const RegionStep<Scalar>& a, const RegionStep<Scalar>& b) {
   return std::equal(std::begin(a.gravity_h2), std::end(a.gravity_h2), b.gravity_h2) &&
          std::equal(std::begin(a.support_h2), std::end(a.support_h2), b.support_h2) && a.supported == b.supported &&
          a.drag_h2 == b.drag_h2 && a.global_stiffness == b.global_stiffness && a.step_ratio2 == b.step_ratio2 &&
-         a.half_local_stiffness == b.half_local_stiffness && a.local_iterations == b.local_iterations &&
-         a.local_method == b.local_method && a.direct_lengths == b.direct_lengths &&
+         a.local_stiffness == b.local_stiffness && a.local_iterations == b.local_iterations &&
+         a.local_method == b.local_method && a.reacts == b.reacts && a.direct_lengths == b.direct_lengths &&
          a.length_iterations == b.length_iterations;
 }
 

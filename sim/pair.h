@@ -1,5 +1,5 @@
 // Two chains of operations that depend on nothing of each other, written as one number: while the processor waits for
-// the one it works on the other.
+// the one it works on the other. The second may be a pair again.
 //
 // Included by the files lanes_*.cpp alone, like lanes.h.
 #pragma once
@@ -10,17 +10,20 @@ namespace strandbake {
 
 #define STRANDBAKE_PAIR_FN friend inline __attribute__((always_inline))
 
-template <class Real>
+template <class First, class Second = First>
 struct Pair {
-  using Scalar = typename Real::Scalar;
+  using Scalar = typename First::Scalar;
+  using Behind = Second;
   struct Mask {
-    typename Real::Mask first, second;
+    typename First::Mask first;
+    typename Second::Mask second;
   };
-  Real first, second;
+  First first;
+  Second second;
 
   Pair() = default;
   inline __attribute__((always_inline)) Pair(Scalar a) : first(a), second(a) {}
-  inline __attribute__((always_inline)) Pair(Real a, Real b) : first(a), second(b) {}
+  inline __attribute__((always_inline)) Pair(First a, Second b) : first(a), second(b) {}
 
   STRANDBAKE_PAIR_FN Pair operator+(Pair a, Pair b) { return {a.first + b.first, a.second + b.second}; }
   STRANDBAKE_PAIR_FN Pair operator-(Pair a, Pair b) { return {a.first - b.first, a.second - b.second}; }

@@ -12,6 +12,7 @@ struct LocalShapeParams {
   double stiffness = 0.5;  // S_L
   int iterations = 3;
   int method = 1;
+  bool reaction = true;
 };
 template <class V>
 void fields(V& v, LocalShapeParams& p) {
@@ -22,6 +23,10 @@ void fields(V& v, LocalShapeParams& p) {
   v("method", p.method, between(1, 4), "1",
     "How the local frames are updated. 1: exactly, root to tip. 2: from the frames of the previous iteration. 3: "
     "rest frames turned with the head. 4: exactly, for the whole strand before each iteration.");
+  v("reaction", p.reaction, Switch{}, "",
+    "true: a bend that returns pushes back on the hair before it, so that more substeps make hair calmer and more "
+    "exact. "
+    "false: as in the paper. Method 3 needs none.");
 }
 
 // Paper, section 3.3.

@@ -8,6 +8,7 @@ RegionPlan plan_region(std::span<const RegionParams> over_time, bool windy, bool
   plan.simulated = first.simulate;
   plan.sag_free = first.simulate && first.sag_free;
   plan.local_method = first.local.method;
+  plan.reacts = first.local.reaction && first.local.method != 3;
   plan.direct_lengths = first.lengths.direct;
   plan.edge_lengths = first.lengths.direct || first.lengths.iterations > 0;
   for (const RegionParams& params : over_time) {

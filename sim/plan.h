@@ -17,6 +17,7 @@ struct RegionPlan {
   bool edge_lengths = false;
   bool direct_lengths = false;  // only where edge_lengths holds: not iterated
   int local_method = 1;         // where local_shape holds
+  bool reacts = false;          // its constraints have a reaction
   double global_range = 0;      // where global_shape holds; shares of the strand's length, constant over time
   double global_fade = 0;
 };

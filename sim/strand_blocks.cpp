@@ -224,11 +224,13 @@ std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, const std::vector<bo
     take(b.root_frame, frames ? 6 * w : 0);
     take(b.local_edge, frames ? 3 * n * w : 0);
     take(b.remainder, frames ? 3 * n * w : 0);
+    const bool reacts = frames && region.reacts;
+    take(b.lever, reacts ? n * w : 0);
     const bool keeps_frames = frames && (region.local_method == 2 || (region.local_method == 4 && region.sag_free));
     take(b.frame_x, keeps_frames ? 3 * n * w : 0);
     take(b.frame_y, keeps_frames ? 3 * n * w : 0);
     take(b.support, frames && region.sag_free ? 3 * n * w : 0);
-    take(b.length, region.edge_lengths || plan.measured ? n * w : 0);
+    take(b.length, region.edge_lengths || plan.measured || reacts ? n * w : 0);
     take(b.tension, region.direct_lengths ? n * w : 0);
     take(b.fade, static_cast<std::size_t>(b.global_end) * w);
     take(b.free, b.masked ? n * w : 0);
@@ -300,6 +302,12 @@ void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
         if (b.tension != nullptr) store_number(b.tension, i, lane, 0);
       }
     }
+    if (b.lever != nullptr) {
+      const auto length = [&](std::size_t i) { return b.length[i * w + static_cast<std::size_t>(lane)]; };
+      for (std::size_t i = 2; i < own; ++i) {
+        store_number(b.lever, i, lane, shape_lever(length(i - 1), length(i)));
+      }
+    }
     if (b.fade != nullptr) {
       arc.measure(groom, s);
       for (std::size_t i = 1; i < std::min(own, static_cast<std::size_t>(b.global_end)); ++i) {
@@ -349,11 +357,11 @@ RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& pla
   const double ratio2 = (kReferenceStep / h) * (kReferenceStep / h);
   step.step_ratio2 = static_cast<Scalar>(ratio2);
   step.global_stiffness = static_cast<Scalar>(params.global.stiffness);
-  step.half_local_stiffness = static_cast<Scalar>(0.5 * stiffness_at_step(params.local.stiffness, ratio2));
+  step.local_stiffness = static_cast<Scalar>(stiffness_at_step(params.local.stiffness, ratio2));
   const auto runs = [&](bool planned, Scalar amount) { return planned && (amount > 0 || !skip.passes); };
   step.wind = runs(plan.wind, step.drag_h2);
   step.global_shape = runs(plan.global_shape, step.global_stiffness);
-  step.local_shape = runs(plan.local_shape, step.half_local_stiffness) && params.local.iterations > 0;
+  step.local_shape = runs(plan.local_shape, step.local_stiffness) && params.local.iterations > 0;
   step.supported = plan.sag_free && step.local_shape && params.local.method != 3;
   for (int axis = 0; axis < 3; ++axis) {
     step.support_h2[axis] = static_cast<Scalar>(plan.sag_free && !step.supported ? -rest_weight[axis] * h * h : 0);
@@ -361,6 +369,7 @@ RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& pla
   step.h2 = static_cast<Scalar>(h * h);
   step.local_iterations = params.local.iterations;
   step.local_method = params.local.method;
+  step.reacts = plan.reacts;
   step.direct_lengths = plan.direct_lengths;
   step.length_iterations = plan.direct_lengths ? 0 : params.lengths.iterations;
   return step;
@@ -378,8 +387,9 @@ void check_against_plan(const Plan& plan, const FrameInput& input) {
            ((planned.edge_lengths && planned.direct_lengths == params.lengths.direct) ||
             (!params.lengths.direct && params.lengths.iterations <= 0)) &&
            (planned.global_shape || params.global.stiffness <= 0 || params.global.range <= 0) &&
-           ((planned.local_shape && planned.local_method == params.local.method) || params.local.stiffness <= 0 ||
-            params.local.iterations <= 0);
+           ((planned.local_shape && planned.local_method == params.local.method &&
+             planned.reacts == (params.local.reaction && params.local.method != 3)) ||
+            params.local.stiffness <= 0 || params.local.iterations <= 0);
   }
   if (!fits) throw std::invalid_argument("the input of a frame asks for more than the plan has");
 }

@@ -39,20 +39,23 @@ Work global_shape() {
   return {4, 0, 31, 1, 0};
 }
 
-Work local_shape(int method, int iterations) {
+Work local_shape(int method, int iterations, bool reacts) {
   // Method 3 reads P0: once a substep it turns the rest edges with the head, 3 + 15. A sweep has the edge 3, its error
   // 3, half the stiffness 3, share 6.
   if (method == 3) return Work{3, 0, 18, 0, 0} + Work{0, 0, 15, 0, 0}.repeated(iterations);
   // Reads l and what rounding leaves of it. Edge 3, goal 24, error 6, half the stiffness 3, share 6; the new edge 3;
   // the turn of the frame: length 6, k 6, two comparisons 2, r 1, x 4, y 18. Method 2 also keeps x and y of each frame.
-  constexpr double kOperations = 3 + 24 + 6 + 3 + 6 + 3 + 37;
-  if (method == 2) return Work{12, 6, kOperations, 1, 1}.repeated(iterations);
+  // With a reaction: once a substep reads the lever and L, rho 1 and weight and share 7; then the projection 5, of the
+  // goal 3, of the move 3, difference 3, lever 3, and 6 more for the vertex before.
+  const Work once = reacts ? Work{2, 0, 8, 1, 0} : Work{};
+  const double operations = 3 + 24 + 6 + 3 + 6 + 3 + 37 + (reacts ? 23 : 0);
+  if (method == 2) return once + Work{12, 6, operations, 1, 1}.repeated(iterations);
   // Method 4: the constraint as above; edge 3, its direction 9, the frame along it 8, the twist between two 37, the
   // frame 9 that comes of it. Of the products 6, one a vertex: with the rounds of a scan come log2 n, but a walk has no
   // more.
-  constexpr double kScanned = 3 + 24 + 6 + 3 + 6 + 3 + 9 + 8 + 37 + 9 + 6;
-  if (method == 4) return Work{6, 0, kScanned, 3, 1}.repeated(iterations);
-  return Work{6, 0, kOperations, 1, 1}.repeated(iterations);
+  const double scanned = 3 + 24 + 6 + 3 + 6 + 3 + 9 + 8 + 37 + 9 + 6 + (reacts ? 23 : 0);
+  if (method == 4) return once + Work{6, 0, scanned, 3, 1}.repeated(iterations);
+  return once + Work{6, 0, operations, 1, 1}.repeated(iterations);
 }
 
 Work edge_lengths() {
@@ -61,11 +64,11 @@ Work edge_lengths() {
 }
 
 Work direct_lengths() {
-  // Reads L and T, writes T. T where it does not act 5, and what is added to it 4. A round: edge 3, length 6,
-  // direction 3, error 1, b 5, share 1, pivot 3, solved 3, lambda 2, pull 3, move 6. The walk: edge 3, direction 8,
-  // step 6.
+  // Reads L and T, writes T. T handed back: ratio 2, its bound 1, difference 3, share 4, difference 3, sum 3. T where
+  // it does not act 5, and what is added to it 4. A round: edge 3, length 6, direction 3, error 1, b 5, share 1, pivot
+  // 3, solved 3, lambda 2, pull 3, move 6. The walk: edge 3, direction 8, step 6.
   const Work round = {0, 0, 36, 2, 1};
-  return Work{2, 1, 26, 2, 1} + round.repeated(LENGTH_ROUNDS);
+  return Work{2, 1, 42, 3, 1} + round.repeated(LENGTH_ROUNDS);
 }
 
 Work sphere() {
@@ -93,7 +96,7 @@ Work work_of(const Workload& workload) {
     const double share = plan.global_range;
     sum = sum + Work{in_range.read * share, 0, in_range.operations * share, in_range.divisions * share, 0};
   }
-  if (plan.local_shape) sum = sum + work::local_shape(plan.local_method, params.local.iterations);
+  if (plan.local_shape) sum = sum + work::local_shape(plan.local_method, params.local.iterations, plan.reacts);
   if (plan.edge_lengths) {
     sum =
         sum + (plan.direct_lengths ? work::direct_lengths() : work::edge_lengths().repeated(params.lengths.iterations));

@@ -25,7 +25,7 @@ namespace work {
 Work integrate();
 Work wind();
 Work global_shape();  // of a vertex in the range
-Work local_shape(int method, int iterations);
+Work local_shape(int method, int iterations, bool reacts);
 Work edge_lengths();
 Work direct_lengths();
 Work sphere();

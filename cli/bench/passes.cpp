@@ -51,8 +51,17 @@ class Plans {
       params.local = everything(method).local;
       without = everything(method);
       without.local.iterations = 0;
+      const Work reacting = work::local_shape(method, kIterations, method != 3).repeated(1.0 / kIterations);
       row(fmt::format("local shape, method {}", method), kIterations, of(params, false, 0), method,
-          of(without, true, 3), work::local_shape(method, kIterations).repeated(1.0 / kIterations));
+          of(without, true, 3), reacting);
+      if (method == 3) continue;
+      params.local.reaction = false;
+      const Work plain = work::local_shape(method, kIterations, false).repeated(1.0 / kIterations);
+      RegionParams with = everything(method);
+      with.local.reaction = false;
+      rows.push_back({fmt::format("local shape, method {}, no reaction", method), kIterations,
+                      add(of(params, false, 0)), integration, add(of(with, true, 3)), add(of(without, true, 3)),
+                      plain});
     }
     params = nothing_but_integration();
     params.lengths = LengthParams::iterated(kIterations);

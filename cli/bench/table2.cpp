@@ -39,7 +39,7 @@ Workload workload_of(const Row& row, std::shared_ptr<const Groom> groom) {
   workload.groom = std::move(groom);
   workload.params.damping = 0.04;
   workload.params.drag = 0;
-  workload.params.local = {0.9, row.local_iterations, row.method};
+  workload.params.local = {0.9, row.local_iterations, row.method, false};  // as the paper has it
   workload.params.global = {0.02, 0.5, 0};
   workload.params.lengths = LengthParams::iterated(row.length_iterations);
   workload.spheres = 3;  // as in Table 1

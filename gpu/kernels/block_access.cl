@@ -1,7 +1,8 @@
 // How kernels reach the state of a block. WIDTH strands lie side by side: number k of a row belongs to lane k.
 //
 // Constants of the program, from the plan: REAL, REAL3, WIDTH, ITEM_GROUP, VERTEX_GROUP; where anything uses the pass,
-// HAS_MASKED, HAS_RIDES, HAS_WIND, HAS_SUPPORT, HAS_GLOBAL_SHAPE, HAS_LOCAL_SHAPE, HAS_EDGE_LENGTHS (iterated),
+// HAS_MASKED, HAS_RIDES, HAS_WIND, HAS_SUPPORT, HAS_GLOBAL_SHAPE, HAS_LOCAL_SHAPE, HAS_REACTION (ALL_REACT: wherever
+// there are local constraints), HAS_EDGE_LENGTHS (iterated),
 // HAS_DIRECT_LENGTHS, HAS_SPHERES; HAS_FIGURES where frames are measured; LOCAL_METHOD where all regions with a strand
 // per work-item agree on it; VERTICES_METHOD_..., see vertex_per_item.cl, for what is in use.
 
@@ -31,6 +32,13 @@ static Real3 triple(const __global Real* v) {
 #define LOCAL_METHOD_OF(counts) LOCAL_METHOD
 #else
 #define LOCAL_METHOD_OF(counts) (counts)[kLocalMethod]
+#endif
+#if !defined(HAS_REACTION)
+#define REACTS(counts) 0
+#elif defined(ALL_REACT)
+#define REACTS(counts) 1
+#else
+#define REACTS(counts) (counts)[kReacts]
 #endif
 
 // The head of a substep.
@@ -99,6 +107,27 @@ static Real free_weight(Weights weights, uint i) {
 #endif
   return i < 2 ? (Real)0 : (Real)1;
 }
+
+#ifdef HAS_REACTION
+// The local constraint of vertex i with its reaction, on the three vertices that end there.
+typedef struct {
+  Real3 before, near, far;
+} Bend;
+
+static void react(Weights weights, uint i, Real stiffness, Frame frame, Real3 local_edge, Real3 remainder, Real lever,
+                  Real length, Bend* bend) {
+  const Real w_before = free_weight(weights, i - 2), w_near = free_weight(weights, i - 1);
+  const Real share = shape_share(stiffness, shape_weight(lever * length, w_near, w_before));
+  Real3 move = local_shape_error(frame, local_edge, remainder, bend->far - bend->near) * share;
+#ifdef HAS_MASKED
+  if (weights.masked) move = move * read1(weights.active, i);
+#endif
+  const Real3 back = shape_reaction(frame, local_edge, move, lever);
+  bend->before = bend->before - back * w_before;
+  bend->near = bend->near + (back - move) * w_near;
+  bend->far = bend->far + move * free_weight(weights, i);
+}
+#endif
 
 #ifdef HAS_EDGE_LENGTHS
 // The iterated constraint on segment i.

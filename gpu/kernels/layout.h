@@ -18,7 +18,7 @@ enum RegionReal {
   kDragH2,
   kGlobalStiffness,
   kStepRatio2,
-  kHalfLocalStiffness,
+  kLocalStiffness,
   kRegionReals
 };
 enum RegionInt {
@@ -28,6 +28,7 @@ enum RegionInt {
   kLocalShape,
   kLocalMethod,
   kLocalIterations,
+  kReacts,
   kDirectLengths,
   kLengthIterations,
   kRegionInts
@@ -41,7 +42,7 @@ enum SubstepInt { kSphereBegin, kSphereCount, kSubstepInts };
 #define kAbsent 0xffffffffu
 typedef struct {
   uint vertices, region, simulated, masked, rides, global_end;
-  uint position, previous, rest, root_frame, local_edge, remainder, frame_x, frame_y, support;
+  uint position, previous, rest, root_frame, local_edge, remainder, lever, frame_x, frame_y, support;
   uint length, tension, fade, free, active, swept, elimination, wind_weight;
 } BlockRow;
 

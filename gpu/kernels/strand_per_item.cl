@@ -4,14 +4,35 @@
 // `which`: the blocks to run, WIDTH work-items each.
 
 #ifdef HAS_DIRECT_LENGTHS
-// Lets the tension act, see passes/direct_length.h, and leaves a in its place. `elimination`: c of each vertex.
-static void apply_tension(Weights weights, uint n, const __global Real* rest_length, __global Real* tension, Real scale,
-                          __global Real* elimination, __global Real* q) {
+// Hands back what tension will take, see passes/direct_length.h. Leaves T / L in the place of T.
+static void return_tension(uint n, const __global Real* rest_length, __global Real* tension, Real scale,
+                           const __global Real* p, __global Real* q) {
+  Real3 q_near = read3(q, 1);
+  Real3 moved = read3(p, 1) - q_near;
+  Real3 here = (Real3)(0);  // of the segment before
+  for (uint i = 2; i < n; ++i) {
+    const Real ratio = tension_ratio(read1(tension, i), scale, read1(rest_length, i));
+    write1(tension, i, ratio);
+    const Real3 q_far = read3(q, i);
+    const Real3 moved_far = read3(p, i) - q_far;
+    const Real3 far = tension_return(ratio, moved_far - moved);
+    if (i > 2) write3(q, i - 1, q_near - (here - far));
+    q_near = q_far;
+    moved = moved_far;
+    here = far;
+  }
+  if (n > 2) write3(q, n - 1, q_near - here);
+}
+
+// Lets the tension act, see passes/direct_length.h. Finds T / L in the place of T and leaves a. `elimination`: c of each
+// vertex.
+static void apply_tension(Weights weights, uint n, __global Real* tension, __global Real* elimination,
+                          __global Real* q) {
   Real3 done = read3(q, 1);
   Real ratio = 1;
-  Real above = tension_pull(read1(tension, 2), scale, read1(rest_length, 2));
+  Real above = tension_pull(read1(tension, 2));
   for (uint i = 2; i < n; ++i) {
-    const Real below = i + 1 < n ? tension_pull(read1(tension, i + 1), scale, read1(rest_length, i + 1)) : (Real)0;
+    const Real below = i + 1 < n ? tension_pull(read1(tension, i + 1)) : (Real)0;
     const Real free = free_weight(weights, i);
     const Real held = above * free * ratio;
     const Real inverse = tension_inverse(held, below * free);
@@ -119,6 +140,12 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
 #ifdef HAS_GLOBAL_SHAPE
       const uint global_end = counts[kGlobalShape] ? block.global_end : 0;
 #endif
+#ifdef HAS_DIRECT_LENGTHS
+      if (counts[kDirectLengths]) {
+        return_tension(n, state + block.length + lane, state + block.tension + lane,
+                       s == 0 ? region[kTensionFirst] : (Real)1, p, q);
+      }
+#endif
       write3(q, 0, turn_with(head, read3(rest, 0)));
       write3(q, 1, turn_with(head, read3(rest, 1)));
       Real3 before = read3(p, 1);
@@ -164,7 +191,7 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
 
 #ifdef HAS_LOCAL_SHAPE
     if (counts[kLocalShape]) {
-      const Real half_stiffness = region[kHalfLocalStiffness];
+      const Real half_stiffness = (Real)0.5 * region[kLocalStiffness];
       const int method = LOCAL_METHOD_OF(counts);
       const __global Real* const local_edge = state + block.local_edge + lane;
       const __global Real* const remainder = state + block.remainder + lane;
@@ -177,7 +204,32 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
         root.x = turn_with(head, read3(rest_frame, 0));
         root.y = turn_with(head, read3(rest_frame, 1));
       }
+#ifdef HAS_REACTION
+      const Real stiffness = region[kLocalStiffness];
+      const __global Real* const lever = state + block.lever + lane;
+      const __global Real* const rest_length = state + block.length + lane;
+#endif
       for (int iteration = 0; iteration < counts[kLocalIterations]; ++iteration) {
+#ifdef HAS_REACTION
+        if (REACTS(counts) && method == 1) {
+          Frame frame = root;
+          Bend bend;
+          bend.before = read3(q, 0);
+          bend.near = read3(q, 1);
+          for (uint i = 2; i < n; ++i) {
+            bend.far = read3(q, i);
+            react(weights, i, stiffness, frame, read3(local_edge, i), read3(remainder, i), read1(lever, i),
+                  read1(rest_length, i), &bend);
+            write3(q, i - 2, bend.before);
+            frame = turn_frame(frame, bend.far - bend.near);
+            bend.before = bend.near;
+            bend.near = bend.far;
+          }
+          write3(q, n - 2, bend.before);
+          write3(q, n - 1, bend.near);
+          continue;
+        }
+#endif
         if (method == 1) {  // Algorithm 3
           Frame frame = root;
           Real3 near = read3(q, 1);
@@ -197,7 +249,25 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
           write3(frame_x, 1, root.x);
           write3(frame_y, 1, root.y);
         }
-        for (uint batch = 2; batch <= 3; ++batch) {
+#ifdef HAS_REACTION
+        for (uint batch = 2; batch <= 4 && REACTS(counts); ++batch) {
+          for (uint i = batch; i < n; i += 3) {
+            Frame frame;
+            frame.x = read3(frame_x, i - 1);
+            frame.y = read3(frame_y, i - 1);
+            Bend bend;
+            bend.before = read3(q, i - 2);
+            bend.near = read3(q, i - 1);
+            bend.far = read3(q, i);
+            react(weights, i, stiffness, frame, read3(local_edge, i), read3(remainder, i), read1(lever, i),
+                  read1(rest_length, i), &bend);
+            write3(q, i - 2, bend.before);
+            write3(q, i - 1, bend.near);
+            write3(q, i, bend.far);
+          }
+        }
+#endif
+        for (uint batch = 2; batch <= 3 && !REACTS(counts); ++batch) {
           for (uint i = batch; i < n; i += 2) {
             Real3 near = read3(q, i - 1);
             Real3 far = read3(q, i);
@@ -250,9 +320,7 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
       const __global Real* const length_of = state + block.length + lane;
       __global Real* const tension = state + block.tension + lane;
       __global Real* const elimination = state + block.elimination + lane;
-      if (n > 2) {
-        apply_tension(weights, n, length_of, tension, s == 0 ? region[kTensionFirst] : (Real)1, elimination, q);
-      }
+      if (n > 2) apply_tension(weights, n, tension, elimination, q);
       for (int round = 0; round < LENGTH_ROUNDS && n > 2; ++round) {
         solve_lengths(weights, n, round == 0, length_of, tension, elimination, q);
       }

@@ -1,6 +1,6 @@
 // Algorithm 1 with a block of strands per work-group and a vertex per work-item: the paper's mapping (its section 5),
 // for methods 2 to 4; right for few or long strands. Vertices of the block lie in memory that the group shares;
-// constraints run in two batches with a barrier between them. Where a block has more vertices than work-items, an item
+// constraints run in two batches, or three with a reaction, with barriers between them. Where a block has more vertices than work-items, an item
 // takes every `rows`-th.
 //
 // This text is compiled for each METHOD in use (0: no local shape), with SHARED as __local, or as __global for strands
@@ -85,6 +85,22 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1), vec_type_hint(
     const __global Real* const substep = substep_reals + s * kSubstepReals;
     const Head head = head_of(substep);
 
+#ifdef HAS_DIRECT_LENGTHS
+    // What tension will take is handed back (passes/direct_length.h). The tension of a segment is its item's alone.
+    const __global Real* const length_of = state + block.length + lane;
+    __global Real* const tension = state + block.tension + lane;
+    const Real tension_scale = s == 0 ? region[kTensionFirst] : (Real)1;
+    for (uint i = row; i < n; i += rows) {
+      if (i < 2 || !counts[kDirectLengths]) continue;
+      const Real ratio = tension_ratio(read1(tension, i), tension_scale, read1(length_of, i));
+      write1(tension, i, ratio);
+      NAME(write_shared)(more, i,
+                         tension_return(ratio, (NAME(read_shared)(p, i) - NAME(read_shared)(q, i)) -
+                                                   (NAME(read_shared)(p, i - 1) - NAME(read_shared)(q, i - 1))));
+    }
+    SHARED_BARRIER;
+#endif
+
     // Forces, integration and global shape: old positions in p, new ones over q.
     {
       const Real keep = region[s == 0 ? kKeepFirst : kKeep];
@@ -115,7 +131,14 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1), vec_type_hint(
           accel_h2 = accel_h2 + supported(frame, read3(state + block.support + lane, i), region[kH2]);
         }
 #endif
-        Real3 moved = integrate(here, NAME(read_shared)(q, i), keep, accel_h2);
+        Real3 before = NAME(read_shared)(q, i);
+#ifdef HAS_DIRECT_LENGTHS
+        if (counts[kDirectLengths]) {
+          const Real3 returned = NAME(read_shared)(more, i);
+          before = before - (i + 1 < n ? returned - NAME(read_shared)(more, i + 1) : returned);
+        }
+#endif
+        Real3 moved = integrate(here, before, keep, accel_h2);
 #ifdef HAS_GLOBAL_SHAPE
         if (counts[kGlobalShape] && i < block.global_end) {
           const Real stiffness = region[kGlobalStiffness] * read1(state + block.fade + lane, i);
@@ -133,11 +156,15 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1), vec_type_hint(
 
 #if METHOD > 0
     {
-      const Real half_stiffness = region[kHalfLocalStiffness];
+      const Real half_stiffness = (Real)0.5 * region[kLocalStiffness];
 #if METHOD == 2 || METHOD == 4
       const __global Real* const local_edge = state + block.local_edge + lane;
       const __global Real* const remainder = state + block.remainder + lane;
       const __global Real* const rest_frame = state + block.root_frame + lane;
+#ifdef HAS_REACTION
+      const __global Real* const lever = state + block.lever + lane;
+      const __global Real* const rest_length = state + block.length + lane;
+#endif
       Frame root;
       root.x = turn_with(head, read3(rest_frame, 0));
       root.y = turn_with(head, read3(rest_frame, 1));
@@ -190,7 +217,31 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1), vec_type_hint(
         }
         SHARED_BARRIER;
 #endif
-        for (uint batch = 2; batch <= 3; ++batch) {
+#if METHOD != 3 && defined(HAS_REACTION)
+        const uint reacting_batches = REACTS(counts) ? 3 : 0, plain_batches = REACTS(counts) ? 0 : 2;
+        for (uint batch = 2; batch < 2 + reacting_batches; ++batch) {
+          for (uint i = batch + 3 * row; i < n; i += 3 * rows) {
+            Frame frame = root;
+            if (i > 2) {
+              frame.x = NAME(read_shared)(frame_x, i - 1);
+              frame.y = NAME(read_shared)(frame_y, i - 1);
+            }
+            Bend bend;
+            bend.before = NAME(read_shared)(q, i - 2);
+            bend.near = NAME(read_shared)(q, i - 1);
+            bend.far = NAME(read_shared)(q, i);
+            react(weights, i, region[kLocalStiffness], frame, read3(local_edge, i), read3(remainder, i),
+                  read1(lever, i), read1(rest_length, i), &bend);
+            NAME(write_shared)(q, i - 2, bend.before);
+            NAME(write_shared)(q, i - 1, bend.near);
+            NAME(write_shared)(q, i, bend.far);
+          }
+          SHARED_BARRIER;
+        }
+#else
+        const uint plain_batches = 2;
+#endif
+        for (uint batch = 2; batch < 2 + plain_batches; ++batch) {
           for (uint i = batch + 2 * row; i < n; i += 2 * rows) {
             Real3 near = NAME(read_shared)(q, i - 1);
             Real3 far = NAME(read_shared)(q, i);
@@ -250,14 +301,10 @@ __kernel __attribute__((reqd_work_group_size(VERTEX_GROUP, 1, 1), vec_type_hint(
     const int sphere_count = substep_ints[s * kSubstepInts + kSphereCount];
 #ifdef HAS_DIRECT_LENGTHS
     // What runs along a strand, one item does for it; all else is done by vertex.
-    const __global Real* const length_of = state + block.length + lane;
-    __global Real* const tension = state + block.tension + lane;
-    const Real tension_scale = s == 0 ? region[kTensionFirst] : (Real)1;
     const int rounds = counts[kDirectLengths] ? LENGTH_ROUNDS : 0;
-    // The tension of a segment is its item's alone.
     for (uint i = row; i < n; i += rows) {
       if (i < 2 || !counts[kDirectLengths]) continue;
-      NAME(write_shared)(more, i, (Real3)(tension_pull(read1(tension, i), tension_scale, read1(length_of, i))));
+      NAME(write_shared)(more, i, (Real3)(tension_pull(read1(tension, i))));
     }
     SHARED_BARRIER;
     if (row == 0 && counts[kDirectLengths]) {

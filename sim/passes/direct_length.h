@@ -14,6 +14,16 @@
 //
 // has no difference in it, so any tension is safe; where no a is above 0 it changes no bit. The first frame has none.
 //
+// Acting so, and in the rounds too, tension brakes: what swings across it at a rate w [1 / h] loses the share
+// w^2 / (1 + w^2) of its energy in each substep, and the error falls with the root of the substep alone. So it is
+// handed back before integration, by how segments have moved in the substep before, e_j = (P_j - Q_j) - (P_{j-1} -
+// Q_{j-1}): with r_j = min(max(T_j / L_j, 0), 2), free vertices go on as if from
+//
+//   Q_i - 15/16 (r_i e_i - r_{i+1} e_{i+1})
+//
+// Then w^2 / 16 / (1 + w^2) is lost: never less than nothing, so it is stable at any rate. The bound of r is where a
+// substep is longer than a swing.
+//
 // Then rounds of Newton's method on C = 0, with the weights w of edge_length.h. What they find, and what has acted
 // already, is the next T. Where hair has lost its load, the latter is much less than T was, as segments have become
 // short; where pins are too far apart they are long, and that must not add up.
@@ -52,11 +62,21 @@ STRAND_MATH_BEGIN
 // Added to A_jj between two pinned vertices.
 #define HELD_COMPLIANCE ((Real)1e-3f)
 
-// a, from T of the substep before; `scale`: of the square of this one's length to that of it.
-STRAND_FN Real tension_pull(Real before, Real scale, Real rest_length) {
-  Real beyond = before * scale - (Real)0.125f * rest_length;
+// max(T / L, 0), from T of the substep before; `scale`: of the square of this one's length to that of it.
+STRAND_FN Real tension_ratio(Real before, Real scale, Real rest_length) {
   Real length = SELECT(rest_length > (Real)1e-15f, rest_length, (Real)1.0f);
-  return SELECT(beyond > (Real)0.0f, beyond, (Real)0.0f) / length;
+  return SELECT(before > (Real)0.0f, before * scale, (Real)0.0f) / length;
+}
+
+// a, from T / L.
+STRAND_FN Real tension_pull(Real ratio) {
+  Real beyond = ratio - (Real)0.125f;
+  return SELECT(beyond > (Real)0.0f, beyond, (Real)0.0f);
+}
+
+// 15/16 r e, from T / L and e: what is handed back.
+STRAND_FN VEC3 tension_return(Real ratio, VEC3 moved) {
+  return moved * ((Real)0.9375f * SELECT(ratio < (Real)2.0f, ratio, (Real)2.0f));
 }
 
 // What has acted of T, along a segment that is so long now.

@@ -14,10 +14,21 @@
 // Scaled by the edge e of length L, one division serves both the unit vector and the turn: with k = L + x_{i-1} . e
 // and r = 1/(L k),   x_i = (r k) e,   y_i = y - r (y . e) (L x_{i-1} + e).
 // (y_i . x_i) vanishes whatever (y . x_{i-1}) was, so rounding does not pile up along a strand.
-// Where the strand folds back on itself (k near 0) any half turn will do: y stays, less what of it is not across x_i.
-// Where the edge is a point, F stays.
-// Source: paper, eq. 1 and 4 (the first line of eq. 4 lacks its minus in print), Algorithms 2 to 5.
-// Checks: tests/sim/frames_test.cpp (against quaternions), tests/sim/passes_test.cpp, tests/sim/paper_test.cpp.
+// As it stands in the paper the constraint turns hair about and nothing turns against it: its couple, e_i x d, is lost,
+// and with many substeps or iterations hair flutters, also at rest. With a reaction (ours, methods 1, 2 and 4) the
+// edge before takes it, as the gradient of the energy d^2 / 2 has it, but for the twist, which no edge can take. With
+// S, L the stiffness and rest lengths, x and G = F_{i-1} l_i the direction and the goal,
+//
+//   m = S / (2 + S (W - 2)) d,   g = (G (x . m) - m (x . G)) / L_{i-1},   W = 1 + w_{i-1} (1 + rho)^2 + w_{i-2} rho^2
+//   P_{i-2} -= w_{i-2} g,   P_{i-1} += w_{i-1} (g - m),   P_i += w_i m,   rho = L_i / L_{i-1}, at most 4, w: 1 free, 0
+//   not
+//
+// so that |m| is what the paper's compliance, (1 - S) / S for each of two vertices, makes of the weight W of a free
+// vertex i. Constraints run in three batches then, i = 2, 5, ..., i = 3, 6, ... and i = 4, 7, ... Where the strand
+// folds back on itself (k near 0) any half turn will do: y stays, less what of it is not across x_i. Where the edge is
+// a point, F stays. Source: paper, eq. 1 and 4 (the first line of eq. 4 lacks its minus in print), Algorithms 2 to 5;
+// reaction: ours. Checks: tests/sim/frames_test.cpp (against quaternions), tests/sim/passes_test.cpp,
+// tests/sim/paper_test.cpp.
 #pragma once
 
 #include "sim/passes/strand_math.h"
@@ -59,6 +70,29 @@ STRAND_FN VEC3 into_frame(FRAME f, VEC3 v) {
 // from_frame(rest frame, l) in this very arithmetic; with it a strand at rest has d = 0 exactly and not a bit moves.
 STRAND_FN VEC3 local_shape_error(FRAME f, VEC3 local_rest_edge, VEC3 remainder, VEC3 edge) {
   return (from_frame(f, local_rest_edge) - edge) + remainder;
+}
+
+// rho / L_i: 1 / L_{i-1}, at most 4 / L_i. 0 for a point, which carries no frame.
+STRAND_FN Real shape_lever(Real length_before, Real length) {
+  Real most = (Real)4.0f * SELECT(length_before > (Real)1e-15f, length_before, (Real)0.0f);
+  Real longer = SELECT(most > length, length_before, (Real)0.25f * length);
+  return SELECT(most > (Real)0.0f, (Real)1.0f, (Real)0.0f) / SELECT(longer > (Real)1e-15f, longer, (Real)1.0f);
+}
+
+// W - 2, for a free vertex i.
+STRAND_FN Real shape_weight(Real rho, Real free_near, Real free_before) {
+  Real near = (Real)1.0f + rho;
+  return (free_near * (near * near) + free_before * (rho * rho)) - (Real)1.0f;
+}
+
+// |m| / |d|, from W - 2.
+STRAND_FN Real shape_share(Real stiffness, Real weight) {
+  return stiffness / ((Real)2.0f + stiffness * weight);
+}
+
+// g
+STRAND_FN VEC3 shape_reaction(FRAME f, VEC3 local_rest_edge, VEC3 move, Real lever) {
+  return (from_frame(f, local_rest_edge) * inner(f.x, move) - move * local_rest_edge.x) * lever;
 }
 
 STRAND_MATH_END

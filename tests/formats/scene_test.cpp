@@ -930,6 +930,7 @@ region[0].drag = 1
 region[0].local.stiffness = 0.5
 region[0].local.iterations = 3
 region[0].local.method = 1
+region[0].local.reaction = true
 region[0].global.stiffness = 0.1
 region[0].global.range = 0.3
 region[0].global.fade = 1

@@ -41,7 +41,8 @@ int last_method() {
   return visitor.last;
 }
 
-// Regions without local shape and with each method, with both ways to hold lengths, and one that rides on the head.
+// Regions without local shape and with each method, with both ways to hold lengths and with and without a
+// reaction, and one that rides on the head.
 Shot sample_shot() {
   const int methods = 1 + last_method();
   const int simulated = 2 * methods;
@@ -62,7 +63,10 @@ Shot sample_shot() {
       RegionParams& region = regions[static_cast<std::size_t>(r)];
       const int method = r % methods;
       region.local = method == 0 ? LocalShapeParams{0, 0, 1} : LocalShapeParams{0.4, 2, method};
-      if (r >= methods) region.lengths = LengthParams::iterated(1);
+      if (r >= methods) {
+        region.lengths = LengthParams::iterated(1);
+        region.local.reaction = false;
+      }
       region.sag_free = r % 2 == 0;
       region.global = {0.1, 0.5, 1};
     }

@@ -65,7 +65,8 @@ def compiled_for(method, place):
     for line in TEXT[:place].splitlines():
         if re.match("#if(def|ndef)? ", line):
             condition = re.fullmatch(r"#if (METHOD [^/]*?)\s*(//.*)?", line)
-            holds.append(eval(condition[1].replace("||", "or"), {"METHOD": method}) if condition else True)
+            text = re.sub(r"defined\(\w+\)", "True", condition[1]) if condition else "True"
+            holds.append(eval(text.replace("||", "or").replace("&&", "and"), {"METHOD": method}))
         elif line.startswith("#else"):
             holds[-1] = not holds[-1]
         elif line.startswith("#endif"):

@@ -121,9 +121,10 @@ TEST_CASE("without local stiffness the method does not matter") {
 
 // One free segment: its frame is that of the pinned root in every method, its batch the only one. Methods 1, 2 and 4
 // then do the same operations; method 3 turns the rest edge in the world, not through the root's frame, and differs by
-// rounding.
+// rounding. With a reaction the others know that only one vertex moves, and are stiffer.
 TEST_CASE("on a strand with one free segment the methods agree") {
   Shot shot;
+  shot.region.local.reaction = GENERATE(false, true);
   Random random(25);
   for (int s = 0; s < 20; ++s) add_strand(shot.groom, rambling(random, 3, random.in_cube(0.1)));
   shot.head = dance;
@@ -137,7 +138,7 @@ TEST_CASE("on a strand with one free segment the methods agree") {
   CHECK(largest_distance(results[0].back(), results[0].front()) > 0.01);
   for (std::size_t frame = 0; frame < results[0].size(); ++frame) {
     CHECK(same_bits(results[1][frame], results[0][frame]));
-    CHECK(largest_distance(results[2][frame], results[0][frame]) < 1e-13);
+    if (!shot.region.local.reaction) CHECK(largest_distance(results[2][frame], results[0][frame]) < 1e-13);
     CHECK(same_bits(results[3][frame], results[0][frame]));
   }
 }

@@ -102,12 +102,26 @@ struct Reference {
     return a;
   }
 
+  // What it is going to take of the motion, by the stiffness matrix of the tension.
+  std::vector<Vector3d> returned(const Points& now, const Points& before) const {
+    std::vector<Vector3d> back(now.size(), Vector3d::Zero());
+    for (std::size_t j = 2; j < now.size(); ++j) {
+      if (length[j] <= 0) continue;
+      const double ratio = std::min(std::max(tension[j] / length[j], 0.0), 2.0);
+      const Vector3d force = 0.9375 * ratio * ((now[j] - now[j - 1]) - (before[j] - before[j - 1]));
+      back[j] += force;
+      back[j - 1] -= force;
+    }
+    return back;
+  }
+
   // A substep from the positions `now` and those of the substep before.
   Points step(const Points& rest, const Points& now, const Points& before, const Isometry3d& head,
               const Vector3d& fall) {
     Points p = now;
+    const std::vector<Vector3d> back = returned(now, before);
     for (std::size_t i = 0; i < p.size(); ++i)
-      p[i] = pinned[i] ? Vector3d(head * rest[i]) : Vector3d(now[i] + (now[i] - before[i]) + fall);
+      p[i] = pinned[i] ? Vector3d(head * rest[i]) : Vector3d(now[i] + (now[i] - before[i]) + back[i] + fall);
     const std::vector<double> a = pull(p);
     for (std::size_t j = 2; j < p.size(); ++j) tension[j] = a[j] * std::min((p[j] - p[j - 1]).norm(), length[j]);
     for (int round = 0; round < 2; ++round) solve(p);

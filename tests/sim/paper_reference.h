@@ -91,6 +91,7 @@ class Strand {
     integrate(region, input, moment, keep, head);
     global_shape(region.global, h, head);
     const double local_stiffness = stiffness_of_substep(region.local.stiffness, h);
+    reaction_ = region.local.reaction && region.local.method != 3;
     for (int iteration = 0; local_stiffness > 0 && iteration < region.local.iterations; ++iteration) {
       if (region.local.method == 1) local_shape_1(local_stiffness, head);
       if (region.local.method == 2) local_shape_2(local_stiffness, head);
@@ -143,6 +144,7 @@ class Strand {
 
   // Equation 4 with its minus sign, in the local frame i - 1 with the given orientation, then back to the world.
   void apply_local_constraint(std::size_t i, double stiffness, const Eigen::Matrix3d& orientation) {
+    if (reaction_) return react(i, stiffness, orientation);
     const Isometry3d to_world = transform(orientation, p_[i - 1]);
     const Vector3d rest_local = rest_global_[i - 1].inverse() * rest_[i];
     Vector3d local = to_world.inverse() * p_[i];
@@ -153,6 +155,24 @@ class Strand {
     if (!pinned_[i - 1]) p_[i - 1] = to_world * local_before;
     if (!pinned_[i]) p_[i] = to_world * local;
   }
+
+  // Not of the paper: the couple of the constraint is given to the edge before, as two forces across the frame's x.
+  // Weights are those of the energy's gradient on hair that is straight.
+  void react(std::size_t i, double stiffness, const Eigen::Matrix3d& orientation) {
+    const double length = (rest_[i] - rest_[i - 1]).norm(), before = (rest_[i - 1] - rest_[i - 2]).norm();
+    const double arm = before > 0 ? std::max(before, length / 4) : 0;
+    const double rho = arm > 0 ? length / arm : 0;
+    const double w1 = pinned_[i - 1] ? 0 : 1, w2 = pinned_[i - 2] ? 0 : 1;
+    const double weight = 1 + w1 * (1 + rho) * (1 + rho) + w2 * rho * rho;
+    const Vector3d goal = orientation * (rest_global_[i - 1].inverse() * rest_[i]);
+    const Vector3d move = stiffness / (stiffness * weight + 2 * (1 - stiffness)) * (goal - (p_[i] - p_[i - 1]));
+    const Vector3d couple = goal.cross(move);
+    const Vector3d back = arm > 0 ? Vector3d(orientation.col(0).cross(couple) / arm) : Vector3d::Zero();
+    if (!pinned_[i]) p_[i] += move;
+    p_[i - 1] += w1 * (back - move);
+    p_[i - 2] -= w2 * back;
+  }
+  std::size_t batches() const { return reaction_ ? 3 : 2; }
 
   // Algorithm 3.
   void local_shape_1(double stiffness, const Isometry3d& head) {
@@ -171,8 +191,9 @@ class Strand {
     std::vector<Isometry3d> temp = global_;
     temp[0] = global_[0] = head * rest_global_[0];
     temp[1] = global_[1] = head * rest_global_[1];
-    for (std::size_t batch = 2; batch <= 3; ++batch) {
-      for (std::size_t i = batch; i < size(); i += 2) apply_local_constraint(i, stiffness, temp[i - 1].linear());
+    for (std::size_t batch = 2; batch < 2 + batches(); ++batch) {
+      for (std::size_t i = batch; i < size(); i += batches())
+        apply_local_constraint(i, stiffness, temp[i - 1].linear());
     }
     for (std::size_t i = 2; i < size(); ++i) {
       temp[i - 1].translation() = p_[i - 1];
@@ -197,8 +218,9 @@ class Strand {
       global_[i - 1].translation() = p_[i - 1];
       global_[i] = compose(global_[i - 1], local_transform(global_[i - 1], p_[i]));
     }
-    for (std::size_t batch = 2; batch <= 3; ++batch) {
-      for (std::size_t i = batch; i < size(); i += 2) apply_local_constraint(i, stiffness, global_[i - 1].linear());
+    for (std::size_t batch = 2; batch < 2 + batches(); ++batch) {
+      for (std::size_t i = batch; i < size(); i += batches())
+        apply_local_constraint(i, stiffness, global_[i - 1].linear());
     }
   }
 
@@ -233,6 +255,7 @@ class Strand {
   std::size_t number_;
   std::vector<Vector3d> rest_, p_, q_;
   std::vector<bool> pinned_;
+  bool reaction_ = false;
   std::vector<Isometry3d> rest_global_;  // wTi of the rest state
   std::vector<Isometry3d> global_;       // wTi, state of method 2
 };

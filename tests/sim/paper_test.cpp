@@ -55,6 +55,7 @@ Shot shot_with_method(int method) {
   Shot shot;
   shot.groom = mixed_groom(1, 41, 80);
   shot.region.local.method = method;
+  shot.region.local.reaction = false;
   shot.region.lengths = LengthParams::iterated(2);
   shot.head = dance;
   shot.frames = 12;
@@ -81,6 +82,7 @@ TEST_CASE("each pass alone follows the paper") {
   shot.region.lengths = LengthParams::iterated(0);
   SECTION("local shape") {
     shot.region.local.iterations = GENERATE(1, 4);
+    shot.region.local.reaction = GENERATE(false, true);
     check_one_frame(shot);
     check_shot(shot);
   }
@@ -124,6 +126,7 @@ TEST_CASE("extreme stiffness and damping follow the paper") {
   Shot shot = shot_with_method(GENERATE(1, 2, 3, 4));
   shot.region.local.stiffness = GENERATE(0.0, 0.02, 1.0);
   shot.region.damping = GENERATE(0.0, 1.0);
+  shot.region.local.reaction = shot.region.damping == 0;
   shot.frames = 5;
   CAPTURE(shot.region.local.method, shot.region.local.stiffness, shot.region.damping);
   check_one_frame(shot);
@@ -186,6 +189,7 @@ TEST_CASE("strands pinned at both ends and in the middle follow the paper") {
     if (s % 3 != 1) pin(shot.groom, s, static_cast<std::size_t>(random.integer(0, static_cast<int>(vertices) - 1)));
   }
   shot.region.global.range = 0.8;
+  shot.region.local.reaction = GENERATE(false, true);
   shot.spheres = [](double time) { return std::vector<Sphere>{{dance(time) * Vector3d(0, -0.02, 0), 0.11}}; };
   shot.wind.velocity = {2, 0, 1};
   shot.substeps = 2;

@@ -290,6 +290,44 @@ TEMPLATE_TEST_CASE("with its remainder any edge in any frame is at rest to the l
   }
 }
 
+TEMPLATE_TEST_CASE("the reaction of a local shape leaves no couple but the twist", "", float, double) {
+  Random random(9);
+  for (int trial = 0; trial < 1000; ++trial) {
+    const Eigen::Vector3d ex = random.direction(), ey = ex.cross(random.direction()).normalized();
+    const Frame<TestType> f = {vec<TestType>(ex.x(), ex.y(), ex.z()), vec<TestType>(ey.x(), ey.y(), ey.z())};
+    const Eigen::Vector3d e = random.in_cube(0.02), d = random.in_cube(0.01);
+    const auto local = vec<TestType>(e.x(), e.y(), e.z()), move = vec<TestType>(d.x(), d.y(), d.z());
+    const auto goal = from_frame(f, local);
+    const double length = random.uniform(0.01, 0.02);
+    const auto back = shape_reaction(f, local, move, TestType(1 / length));
+    // About the vertex between: what moves the goal's end, and what moves the vertex before.
+    const auto couple = outer(goal, move) + outer(f.x * TestType(length), back);
+    REQUIRE(distance(couple, f.x * inner(f.x, outer(goal, move))) < 1e-3 * kEpsilon<TestType>);
+  }
+}
+
+TEST_CASE("a local shape has a lever that is 1 over the length before, at most 4 over its own, and none on a point") {
+  CHECK(shape_lever(0.5, 1.0) == 2);
+  CHECK(shape_lever(0.125, 1.0) == 4);
+  CHECK(shape_lever(0.5, 0.0) == 2);
+  CHECK(shape_lever(0.0, 1.0) == 0);
+  CHECK(shape_lever(1e-7, 0.02) == 200);
+}
+
+// Three free vertices in line with equal segments weigh 1, 4 and 1.
+TEST_CASE("a local shape moves by the compliance of the paper, whatever its vertices weigh") {
+  CHECK(shape_weight(1.0, 1.0, 1.0) == 4);
+  CHECK(shape_weight(1.0, 0.0, 0.0) == -1);  // the root's: vertex i alone
+  for (const double stiffness : {0.0, 0.1, 0.5, 0.9, 1.0}) {
+    CHECK(shape_share(stiffness, 0.0) == stiffness / 2);  // the paper's two free vertices
+    if (stiffness == 0) continue;
+    for (const double weight : {-1.0, 4.0}) {
+      const double compliance = 2 * (1 - stiffness) / stiffness;  // S / 2 = 1 / (2 + compliance)
+      CHECK(shape_share(stiffness, weight) == Approx(1 / (weight + 2 + compliance)));
+    }
+  }
+}
+
 namespace {
 
 // Every pass on one vector of inputs, all results in one list.

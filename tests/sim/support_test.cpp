@@ -40,10 +40,9 @@ Shot hanging(int method) {
 
 }  // namespace
 
-// The rest pose is an equilibrium of every method. Whether it is a stable one is the local shape's matter: its frames
-// follow the hair without a reaction, so with methods 1, 2 and 4 what rounding has done grows with every substep and
-// iteration (flutter; seen without gravity, too). Doubles start so low that this test can tell the equilibrium; floats
-// can where it grows slowly.
+// The rest pose is a stable equilibrium of every method: doubles stay within what they round, measured 1.3e-12 m. What
+// floats round, 1e-8 m, is an acceleration of 2.6e-3 m/s^2 at seven substeps. Measured 0.05 mm and 0.004 mm a frame
+// with one and two substeps, 0.63 mm and 0.05 mm with seven.
 TEST_CASE("sag-free hair rests where it was put") {
   const int method = GENERATE(1, 2, 3, 4);
   Shot shot = hanging(method);
@@ -60,10 +59,11 @@ TEST_CASE("sag-free hair rests where it was put") {
   INFO("method " << method << ", " << shot.substeps << " substeps, " << shot.region.local.iterations
                  << " iterations, float: " << floats.drift << " m, " << floats.motion
                  << " m a frame, double: " << doubles.drift << " m");
-  CHECK(doubles.drift < 1e-7);
-  const bool grows = method != 3 && (shot.substeps > 1 || shot.region.local.iterations > 3);
-  if (!grows) CHECK(floats.drift < 1e-4);
-  if (method == 3) CHECK(floats.motion < 2e-6);
+  CHECK(doubles.drift < 1e-11);
+  CHECK(doubles.motion < 1e-12);
+  CHECK(floats.drift < (shot.substeps < 7 ? 1e-4 : 1.5e-3));
+  CHECK(floats.motion < (shot.substeps < 7 ? 1e-5 : 1.5e-4));
+  if (method == 3) CHECK(floats.motion < 4e-6);
 }
 
 TEST_CASE("without it hair sags") {

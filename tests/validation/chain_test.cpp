@@ -77,12 +77,12 @@ struct Chain {
 TEST_CASE("a hanging chain swings with the frequencies of its masses, at second order in the substep") {
   for (std::size_t k = 0; k < 3; ++k) {
     std::vector<double> errors;
-    for (const int substeps : {8, 16, 32}) {
-      const Chain chain(48, 0.3, k, substeps);
+    for (const int substeps : {2, 4, 8}) {
+      const Chain chain(12, 0.3, k, substeps);
       errors.push_back(std::abs(chain.frequency() / chain.discrete - 1));
     }
     CAPTURE(k, errors[0], errors[1], errors[2]);
-    CHECK(errors[2] < 1e-4);
+    CHECK(errors[2] < 3e-5);
     CHECK(order(errors[0], errors[1]) == Approx(2).margin(0.3));
   }
 }

@@ -74,4 +74,14 @@ inline double period_of(const std::vector<double>& samples, double fps) {
   return (zeros[last] - zeros[0]) / (static_cast<double>(last) / 2);
 }
 
+// Of vertices in all frames but the first [m].
+inline double rms_distance(const std::vector<Points>& a, const std::vector<Points>& b) {
+  double sum = 0, count = 0;
+  for (std::size_t frame = 1; frame < a.size(); ++frame) {
+    for (std::size_t v = 0; v < a[frame].size(); ++v) sum += (a[frame][v] - b[frame][v]).squaredNorm();
+    count += static_cast<double>(a[frame].size());
+  }
+  return std::sqrt(sum / count);
+}
+
 }  // namespace strandbake::validation

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "formats/error.h"
+#include "sim/frame_input.h"
 
 namespace strandbake {
 
@@ -34,6 +35,7 @@ struct CacheHeader {
   std::vector<std::string> region_names;       // [regions]
   std::vector<Eigen::Vector2f> root_uv;        // [strands] or empty
   std::vector<Eigen::Vector3f> rest_position;  // [vertices], world of the rest frame [m]
+  std::size_t colliders = 0;                   // spheres in each frame
   std::string program_version;
   std::string scene_text;                                       // the scene as read, then its overrides
   std::vector<std::pair<std::string, std::string>> inputs;      // name as the scene has it, sha256 in hex
@@ -55,6 +57,7 @@ struct CacheFrame {
   // may ask at once.
   std::function<void(std::size_t first, std::span<Eigen::Vector3f> out)> velocity;
   Eigen::Isometry3d head = Eigen::Isometry3d::Identity();  // rest frame to now
+  std::span<const Sphere> colliders;                       // [CacheHeader::colliders]
   FrameStats stats;
 };
 
@@ -121,6 +124,9 @@ class CacheReader {
   int frame_number(std::size_t index) const;
   double frame_time(std::size_t index) const;
   Eigen::Isometry3d head(std::size_t index) const;
+  // As many as the header says; none in caches of versions that did not write them. Numbers are as they stand in the
+  // file, finite or not.
+  std::span<const Sphere> colliders(std::size_t index) const;
   std::optional<FrameStats> stats(std::size_t index) const;
   bool has_velocity() const;
   std::uint64_t stored_bytes() const;  // bytes that positions take in the file

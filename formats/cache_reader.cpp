@@ -351,6 +351,7 @@ struct CacheReader::Impl {
   std::vector<std::int32_t> number;
   std::vector<double> time;
   std::vector<Eigen::Matrix<double, 4, 4, Eigen::RowMajor>> head;
+  std::vector<Sphere> colliders;  // of all frames
   std::vector<float> stretch, residual, penetration;
   std::vector<std::int32_t> substeps;
   Dataset position, velocity;
@@ -469,6 +470,13 @@ struct CacheReader::Impl {
       velocity = open_frames("/frames/velocity", {vertices, 3}, H5T_IEEE_F32LE);
       counts.push_back(velocity.dims[0]);
     }
+    Dataset spheres;
+    if (has(file, "/frames/collider")) {
+      spheres = open_numbers(file, bytes, "/frames/collider", 3, H5T_IEEE_F64LE);
+      if (spheres.dims[2] != 4) damaged("/frames/collider does not have four numbers for each collider");
+      header.colliders = spheres.dims[1];
+      counts.push_back(spheres.dims[0]);
+    }
     options.stats = has(file, "/stats");
     Dataset stretches;
     Dataset residuals;
@@ -490,6 +498,10 @@ struct CacheReader::Impl {
     read_first_frames(numbers, number);
     read_first_frames(times, time);
     read_first_frames(heads, head);
+    if (header.colliders > 0) {
+      colliders.resize(frames * header.colliders);
+      read_rows(spheres, 0, frames, colliders.data());
+    }
     if (options.stats) {
       read_first_frames(stretches, stretch);
       read_first_frames(residuals, residual);
@@ -585,6 +597,12 @@ double CacheReader::frame_time(std::size_t index) const {
 Eigen::Isometry3d CacheReader::head(std::size_t index) const {
   impl_->check(index);
   return Eigen::Isometry3d(Eigen::Matrix4d(impl_->head[index]));
+}
+
+std::span<const Sphere> CacheReader::colliders(std::size_t index) const {
+  impl_->check(index);
+  const std::size_t count = impl_->header.colliders;
+  return std::span(impl_->colliders).subspan(index * count, count);
 }
 
 std::optional<FrameStats> CacheReader::stats(std::size_t index) const {

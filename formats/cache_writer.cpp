@@ -36,6 +36,9 @@ constexpr std::size_t kChunkVertices = 16384;
 // Frames in a chunk of the small data sets (numbers, times, matrices, statistics).
 constexpr hsize_t kSmallChunkFrames = 64;
 
+// A collider is stored as the four numbers that it is.
+static_assert(sizeof(Sphere) == 4 * sizeof(double));
+
 using Dims = std::vector<hsize_t>;
 
 hid_t require(hid_t id) {
@@ -362,7 +365,8 @@ void require_same(const CacheHeader& header, const CacheOptions& options, const 
     expect(header.parameters[k].first, found.parameters[k].second, header.parameters[k].second);
   const bool same_groom = found.offset == header.offset && found.region == header.region &&
                           found.region_names == header.region_names && found.root_uv == header.root_uv &&
-                          found.rest_position == header.rest_position && found.fps == header.fps;
+                          found.rest_position == header.rest_position && found.colliders == header.colliders &&
+                          found.fps == header.fps;
   const CacheOptions& stored = old.options();
   if (!same_groom || stored.precision != options.precision || stored.velocity != options.velocity ||
       stored.stats != options.stats || (stored.deflate == 0) != (options.deflate == 0))
@@ -392,11 +396,13 @@ struct CacheWriter::Impl {
   CacheOptions options;
   hsize_t strands;
   hsize_t vertices;
+  hsize_t colliders;
   ChunkQueue queue;
   CommitFile disk;
   Hdf5File file;
-  Hdf5Dataset position, velocity, head, time, number, stretch, residual, penetration, substeps;
+  Hdf5Dataset position, velocity, head, collider, time, number, stretch, residual, penetration, substeps;
   hsize_t frames = 0;
+  hsize_t kept = 0;  // frames that were there before
   const CacheFrame* begun = nullptr;
   std::string failure;  // why nothing more can be written
 
@@ -407,6 +413,7 @@ struct CacheWriter::Impl {
         options(cache_options),
         strands(header.region.size()),
         vertices(header.rest_position.size()),
+        colliders(header.colliders),
         queue(vertices, options.deflate, options.threads, options.velocity,
               [this](const Vectors& vectors, std::size_t first, std::span<const std::uint8_t> bytes) {
                 write_chunk(vectors, first, bytes);
@@ -466,6 +473,12 @@ struct CacheWriter::Impl {
       velocity =
           make_dataset(group, "velocity", H5T_IEEE_F32LE, {0, vertices, 3}, chunk_dims(true), options.deflate, true);
     head = make_dataset(group, "head", H5T_IEEE_F64LE, {0, 4, 4}, {kSmallChunkFrames, 4, 4}, 0, true);
+    if (colliders > 0) {
+      constexpr hsize_t kChunkColliders = 2048;
+      const hsize_t chunk_frames = std::clamp<hsize_t>(kChunkColliders / colliders, 1, kSmallChunkFrames);
+      collider =
+          make_dataset(group, "collider", H5T_IEEE_F64LE, {0, colliders, 4}, {chunk_frames, colliders, 4}, 0, true);
+    }
     time = make_dataset(group, "time", H5T_IEEE_F64LE, {0}, {kSmallChunkFrames}, 0, true);
     number = make_dataset(group, "number", H5T_STD_I32LE, {0}, {kSmallChunkFrames}, 0, true);
     flush();
@@ -548,6 +561,7 @@ struct CacheWriter::Impl {
     }
     const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> matrix = frame.head.matrix();
     append_small(head, H5T_NATIVE_DOUBLE, matrix.data(), {1, 4, 4});
+    if (colliders > 0) append_small(collider, H5T_NATIVE_DOUBLE, frame.colliders.data(), {1, colliders, 4});
     append_small(time, H5T_NATIVE_DOUBLE, &frame.time);
     append_small(number, H5T_NATIVE_INT, &frame.number);
     flush();
@@ -576,6 +590,7 @@ struct CacheWriter::Impl {
       frame.number = old.frame_number(index);
       frame.time = old.frame_time(index);
       frame.head = old.head(index);
+      frame.colliders = old.colliders(index);
       frame.stats = old.stats(index).value_or(FrameStats());
       append_figures(frame);
     }
@@ -593,11 +608,12 @@ struct CacheWriter::Impl {
     }
     disk.end_replay();
     require_disk();
+    kept = frames;
   }
 
   void close_file() {
     for (Hdf5Dataset* dataset :
-         {&position, &velocity, &head, &time, &number, &stretch, &residual, &penetration, &substeps})
+         {&position, &velocity, &head, &collider, &time, &number, &stretch, &residual, &penetration, &substeps})
       dataset->close();
     require(file.close());
     disk.sync();
@@ -820,6 +836,8 @@ void CacheWriter::begin(const CacheFrame& frame) {
     throw std::invalid_argument("cache: a position for each vertex is needed");
   if (static_cast<bool>(frame.velocity) != impl_->options.velocity)
     throw std::invalid_argument("cache: velocities are needed where the cache has them, and only there");
+  if (frame.colliders.size() != impl_->colliders)
+    throw std::invalid_argument("cache: as many colliders are needed as the header says");
   std::vector<Vectors> vectors = {{impl_->position, impl_->frames, frame.position, {}, impl_->options.precision}};
   if (frame.velocity) vectors.push_back({impl_->velocity, impl_->frames, {}, frame.velocity, 0});
   impl_->queue.start(std::move(vectors));
@@ -841,6 +859,12 @@ void CacheWriter::close() {
   if (impl_->begun != nullptr) {
     impl_->begun = nullptr;
     impl_->drop();
+    return;
+  }
+  if (impl_->kept > 0 && impl_->frames == impl_->kept) {  // it may be finished but for its name: leave it so
+    const QuietHdf5 quiet;
+    impl_->disk.abandon();
+    impl_->failure = fmt::format("{}: was closed", impl_->part.string());
     return;
   }
   impl_->attempt("be closed", [&] { impl_->close_file(); });

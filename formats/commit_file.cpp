@@ -6,11 +6,15 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstring>
 #include <limits>
 #include <new>
+#include <span>
 #include <system_error>
+#include <utility>
+#include <vector>
 
 #include "formats/error.h"
 
@@ -44,6 +48,18 @@ std::uint64_t end_named_by(const std::vector<std::byte>& superblock) {
   for (std::size_t k = 0; k < sizeof end && kPlace + sizeof end <= superblock.size(); ++k)
     end |= std::to_integer<std::uint64_t>(superblock[kPlace + k]) << (8 * k);
   return end;
+}
+
+// A node of a chunk tree: "TREE", its kind, its level, the count of its children in two bytes, two siblings.
+constexpr std::size_t kTreeNodeStart = 24;
+bool is_tree_node(std::span<const std::byte> bytes) {
+  return bytes.size() >= kTreeNodeStart && std::memcmp(bytes.data(), "TREE", 4) == 0;
+}
+int level_of(std::span<const std::byte> node) {
+  return std::to_integer<int>(node[5]);
+}
+int child_count(std::span<const std::byte> node) {
+  return std::to_integer<int>(node[6]) + 256 * std::to_integer<int>(node[7]);
 }
 
 }  // namespace
@@ -186,6 +202,28 @@ void CommitFile::put(std::uint64_t address, const void* bytes, std::size_t size)
   }
 }
 
+// Replaces metadata. A program that is killed in a write may have written the first pages of it only, so a node of a
+// tree goes out page by page, in the order in which its first bytes never count children that are not there.
+void CommitFile::replace(std::uint64_t address, const std::vector<std::byte>& bytes) {
+  constexpr std::uint64_t kPage = 4096;
+  const std::uint64_t end = address + bytes.size();
+  std::array<std::byte, kTreeNodeStart> old;
+  const bool replaces_node =
+      is_tree_node(bytes) &&
+      ::pread(descriptor_, old.data(), old.size(), static_cast<off_t>(address)) == static_cast<ssize_t>(old.size()) &&
+      is_tree_node(old);
+  if (!replaces_node) return put(address, bytes.data(), bytes.size());
+  // Piece k ends where page k after that of `address` begins.
+  const std::uint64_t first_page = address / kPage;
+  const auto pieces = static_cast<std::size_t>((end - 1) / kPage - first_page + 1);
+  const auto put_piece = [&](std::size_t k) {
+    const std::uint64_t from = std::max(address, (first_page + k) * kPage);
+    put(from, bytes.data() + (from - address), std::min(end, (first_page + k + 1) * kPage) - from);
+  };
+  const bool grows = level_of(old) == level_of(bytes) && child_count(old) <= child_count(bytes);
+  for (std::size_t k = 0; k < pieces; ++k) put_piece(grows ? pieces - 1 - k : k);
+}
+
 // Asks the system to write now what it would keep until sync(), so that the device works while a bake computes. It is
 // only a request: errors show in sync().
 void CommitFile::send() {
@@ -297,9 +335,7 @@ void CommitFile::commit() {
     // The first commit makes a file of it with its last write.
     if (address >= committed_) return committed_ == 0 && held.type == H5FD_MEM_SUPER ? 1 : 0;
     if (held.type == H5FD_MEM_SUPER) return 1;
-    // A tree node starts with "TREE", its kind and its level.
-    if (held.type == H5FD_MEM_BTREE && held.bytes.size() > 5 && std::memcmp(held.bytes.data(), "TREE", 4) == 0)
-      return 2 + 255 - std::to_integer<int>(held.bytes[5]);
+    if (held.type == H5FD_MEM_BTREE && is_tree_node(held.bytes)) return 2 + 255 - level_of(held.bytes);
     return 2 + 256;
   };
   std::vector<std::pair<int, std::uint64_t>> order;
@@ -309,12 +345,11 @@ void CommitFile::commit() {
     return fail(ENOMEM);
   }
   std::ranges::sort(order);
-  const auto put_held = [this](const std::pair<int, std::uint64_t>& key) {
+  const auto old = std::ranges::find_if(order, [](const auto& key) { return key.first > 0; });
+  std::for_each(order.begin(), old, [this](const auto& key) {
     const Held& held = held_.at(key.second);
     put(key.second, held.bytes.data(), held.bytes.size());
-  };
-  const auto old = std::ranges::find_if(order, [](const auto& key) { return key.first > 0; });
-  std::for_each(order.begin(), old, put_held);
+  });
   // The file is never shorter than the superblock on disk says, be it the old one or the new.
   std::uint64_t names = named_;
   for (const auto& [address, held] : held_) {
@@ -322,7 +357,7 @@ void CommitFile::commit() {
   }
   const std::uint64_t longest = std::max({allocated_, named_, names});
   if (size_ < longest) truncate(longest);
-  std::for_each(old, order.end(), put_held);
+  std::for_each(old, order.end(), [this](const auto& key) { replace(key.second, held_.at(key.second).bytes); });
   if (error_ == 0) named_ = names;
   const std::uint64_t end = std::max(allocated_, named_);
   if (size_ > end) truncate(end);

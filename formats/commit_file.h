@@ -52,6 +52,7 @@ class CommitFile {
 
   void truncate(std::uint64_t size);
   void put(std::uint64_t address, const void* bytes, std::size_t size);
+  void replace(std::uint64_t address, const std::vector<std::byte>& bytes);
   void write(H5FD_mem_t type, std::uint64_t address, const void* bytes, std::size_t size);
   void hold(H5FD_mem_t type, std::uint64_t address, const void* bytes, std::size_t size);
   void forget(std::uint64_t address, std::size_t size);

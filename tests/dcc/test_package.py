@@ -26,12 +26,13 @@ def test_all_values_are_those_of_h5py(tmp_path, options):
         np.testing.assert_array_equal(cache.strand_region, file["strands/region"][:])
         np.testing.assert_array_equal(cache.root_uv, file["strands/root_uv"][:])
         np.testing.assert_array_equal(cache.rest, file["rest/position"][:])
-        for name, values in ("number", cache.numbers), ("time", cache.times), ("head", cache.heads):
+        for name, values in ("number", cache.numbers), ("time", cache.times), ("head", cache.heads), ("collider", cache.colliders):
             np.testing.assert_array_equal(values, file["frames"][name][:])
         for frame in cache:
             np.testing.assert_array_equal(frame.positions, file["frames/position"][frame.index])
             assert frame.positions.dtype == np.float32 and frame.number == 3 + frame.index
             np.testing.assert_array_equal(frame.head, file["frames/head"][frame.index])
+            np.testing.assert_array_equal(frame.colliders, file["frames/collider"][frame.index])
             if "velocity" in options:
                 np.testing.assert_array_equal(frame.velocities, file["frames/velocity"][frame.index])
         assert cache.has_velocities == ("velocity" in options)
@@ -42,6 +43,14 @@ def test_all_values_are_those_of_h5py(tmp_path, options):
             np.testing.assert_array_equal(cache.stats.residual, file["stats/residual"][:])
             np.testing.assert_array_equal(cache.stats.deepest_penetration, file["stats/deepest_penetration"][:])
             np.testing.assert_array_equal(cache.stats.substeps, file["stats/substeps"][:])
+
+
+def test_a_cache_may_be_without_colliders(tmp_path, sample):
+    path = shutil.copy(sample, tmp_path / "a.h5")
+    with h5py.File(path, "r+") as file:
+        del file["frames/collider"]
+    with Cache(path) as cache:
+        assert cache.colliders.shape == (6, 0, 4) and cache[5].colliders.shape == (0, 4)
 
 
 def test_the_provenance_is_at_hand(sample):
@@ -157,6 +166,10 @@ CHANGES = {
         (2, 17, 1), np.nan
     ),
     "/rest/position has a value that is not finite, at 0": lambda f: f["rest/position"].__setitem__((0, 2), -np.inf),
+    "/frames/collider has the shape 6 x 2 x 3 in place of any x any x 4": lambda f: (
+        f.__delitem__("frames/collider"),
+        f["frames"].create_dataset("collider", data=np.zeros((6, 2, 3), "<f8")),
+    ),
     "/frames/position has the shape": lambda f: (
         f.__delitem__("frames/position"),
         f["frames"].create_dataset("position", data=np.zeros((6, 7, 3), "<f4")),

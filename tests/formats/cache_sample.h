@@ -31,6 +31,7 @@ inline CacheHeader sample_header(std::uint64_t strands) {
     const float y = next();
     header.rest_position.emplace_back(x, y, next());
   }
+  header.colliders = 2;
   header.program_version = "0.1.0";
   header.scene_text = "[bake]\nframes = \"1-5\"  # Haar für den Test\n";
   header.inputs = {{"groom/top.hair", std::string(64, 'a')}, {"head.glb", std::string(64, '7')}};
@@ -39,11 +40,12 @@ inline CacheHeader sample_header(std::uint64_t strands) {
 }
 
 // Frame n: each vertex at rest + n (1/4, 1/2, -1/8), velocity 24 (1/4, 1/2, -1/8) + rest, the head turned n * 90
-// degrees about y and moved by n along x.
+// degrees about y and moved by n along x, collider c at (n, c, -n) with radius (c + 1) / 8.
 struct SampleFrame {
   std::vector<Eigen::Vector3f> position;
   std::vector<Eigen::Vector3f> velocity;
-  CacheFrame frame;  // refers to the two above
+  std::vector<Sphere> colliders;
+  CacheFrame frame;  // refers to those above
 
   SampleFrame(const SampleFrame&) = delete;
   SampleFrame& operator=(const SampleFrame&) = delete;
@@ -65,6 +67,11 @@ struct SampleFrame {
     quarter << 0, 0, 1, 0, 1, 0, -1, 0, 0;
     for (int turn = 0; turn < number % 4; ++turn) frame.head.rotate(quarter);
     frame.head.translation().x() = number;
+    for (std::size_t c = 0; c < header.colliders; ++c) {
+      const auto place = static_cast<double>(c);
+      colliders.push_back({{static_cast<double>(number), place, -static_cast<double>(number)}, (place + 1) / 8});
+    }
+    frame.colliders = colliders;
     frame.stats = {static_cast<float>(number) * 0.5F, static_cast<float>(number) * 0.125F,
                    static_cast<float>(number) * 0.25F, 3 * number};
   }

@@ -65,6 +65,12 @@ void check_frames(const CacheReader& reader, const CacheHeader& header, const Ca
     CHECK(reader.frame_number(index) == sample.frame.number);
     CHECK(reader.frame_time(index) == sample.frame.time);
     CHECK(reader.head(index).matrix() == sample.frame.head.matrix());
+    const auto colliders = reader.colliders(index);
+    REQUIRE(colliders.size() == sample.colliders.size());
+    for (std::size_t c = 0; c < colliders.size(); ++c) {
+      CHECK(colliders[c].center == sample.colliders[c].center);
+      CHECK(colliders[c].radius == sample.colliders[c].radius);
+    }
     REQUIRE(reader.stats(index).has_value() == options.stats);
     if (options.stats) {
       CHECK(reader.stats(index)->largest_stretch == sample.frame.stats.largest_stretch);
@@ -89,6 +95,7 @@ void check_header(const CacheHeader& found, const CacheHeader& expected) {
   CHECK(found.region_names == expected.region_names);
   CHECK(found.root_uv == expected.root_uv);
   CHECK(same_bits(found.rest_position, expected.rest_position));
+  CHECK(found.colliders == expected.colliders);
   CHECK(found.program_version == expected.program_version);
   CHECK(found.scene_text == expected.scene_text);
   CHECK(found.inputs == expected.inputs);
@@ -545,6 +552,18 @@ TEST_CASE("a cache whose parts disagree is refused with the part") {
        [](hid_t file) {
          replace_dataset(file, "/frames/head", H5T_IEEE_F64LE, {2, 3, 4});
        }},
+      {"/frames/collider does not have four numbers",
+       [](hid_t file) {
+         replace_dataset(file, "/frames/collider", H5T_IEEE_F64LE, {2, 2, 3});
+       }},
+      {"/frames/collider claims",
+       [](hid_t file) {
+         replace_dataset(file, "/frames/collider", H5T_IEEE_F64LE, {hsize_t{1} << 40, 2, 4});
+       }},
+      {"complete, but has 1 to 2 frames",
+       [](hid_t file) {
+         set_extent(file, "/frames/collider", {1, 2, 4});
+       }},
       {"complete, but has 2 to 3 frames", [=](hid_t file) { set_extent(file, "/frames/number", {3}); }},
       {"complete, but has 1 to 2 frames", [=](hid_t file) { set_extent(file, "/stats/largest_stretch", {1}); }},
       {"complete, but has 1 to 2 frames", [=](hid_t file) { set_extent(file, "/stats/residual", {1}); }},
@@ -585,6 +604,7 @@ TEST_CASE("a frame that is announced but was never written is refused") {
     set_extent(file, "/frames/number", {3});
     set_extent(file, "/frames/time", {3});
     set_extent(file, "/frames/head", {3, 4, 4});
+    set_extent(file, "/frames/collider", {3, 2, 4});
     set_extent(file, "/stats/largest_stretch", {3});
     set_extent(file, "/stats/residual", {3});
     set_extent(file, "/stats/deepest_penetration", {3});
@@ -594,6 +614,23 @@ TEST_CASE("a frame that is announced but was never written is refused") {
   std::vector<Eigen::Vector3f> positions(vertices);
   reader.read_position(1, positions);
   CHECK_THROWS_WITH(reader.read_position(2, positions), Catch::Contains("/frames/position lacks a part of row 2"));
+}
+
+TEST_CASE("a cache without colliders has no room for them, and one of many is cut into small chunks") {
+  const Folder folder;
+  for (const std::size_t colliders : {std::size_t{0}, std::size_t{1}, std::size_t{5000}}) {
+    CacheHeader header = sample_header(5);
+    header.colliders = colliders;
+    write_sample(folder / "a.h5", header, {}, 1, 3);
+    check_header(CacheReader(folder / "a.h5").header(), header);
+    check_frames(CacheReader(folder / "a.h5"), header, {}, 1, 3);
+    CHECK(fs::file_size(folder / "a.h5") < 60000 + 4 * 32 * colliders);
+    CacheWriter writer(folder / "b.h5", header, {});
+    SampleFrame sample(header, {}, 1);
+    sample.colliders.emplace_back();
+    sample.frame.colliders = sample.colliders;
+    CHECK_THROWS_WITH(writer.write(sample.frame), Catch::Contains("as many colliders"));
+  }
 }
 
 TEST_CASE("an unfinished file counts the frames that are in all its parts") {

@@ -108,6 +108,7 @@ class Frame:
         self.number = int(cache.numbers[index])  # in the scene
         self.time = float(cache.times[index])  # seconds
         self.head: NDArray[np.float64] = cache.heads[index]  # [4, 4], takes columns from the rest place to this frame's
+        self.colliders: NDArray[np.float64] = cache.colliders[index]  # [C, 4], centre in the world and radius of each
 
     @cached_property
     def positions(self) -> Floats:
@@ -146,6 +147,7 @@ class Cache(Sequence[Frame]):
     numbers: NDArray[np.int32]  # [F], frame numbers, increasing
     times: NDArray[np.float64]  # [F], seconds
     heads: NDArray[np.float64]  # [F, 4, 4]
+    colliders: NDArray[np.float64]  # [F, C, 4], centre in the world and radius; C is 0 where the cache has none
     stats: Stats | None
     provenance: Provenance
     has_velocities: bool
@@ -351,7 +353,7 @@ class Cache(Sequence[Frame]):
         file = self._file
         opened: list[_Data] = []
 
-        def frames(name: str, kind: str, *shape: int) -> _Data:
+        def frames(name: str, kind: str, *shape: int | None) -> _Data:
             opened.append(_dataset(file, size, name, kind, (None, *shape)))
             return opened[-1]
 
@@ -363,6 +365,7 @@ class Cache(Sequence[Frame]):
         head = frames("/frames/head", "<f8", 4, 4)
         self.has_velocities = "/frames/velocity" in file
         self._velocity = frames("/frames/velocity", "<f4", self.vertex_count, 3) if self.has_velocities else None
+        collider = frames("/frames/collider", "<f8", None, 4) if "/frames/collider" in file else None
         measures = []
         if "/stats" in file:
             measures = [
@@ -377,6 +380,7 @@ class Cache(Sequence[Frame]):
             raise _Damage(f"it calls itself complete, but has {min(counts)} to {max(counts)} frames")
         first = min(counts)
         self.numbers, self.times, self.heads = _all(number, first), _all(time, first), _all(head, first)
+        self.colliders = _all(collider, first) if collider else np.empty((first, 0, 4))
         self.stats = Stats(*(_all(measure, first) for measure in measures)) if measures else None
         if np.any(np.diff(self.numbers.astype(np.int64)) <= 0):
             raise _Damage("/frames/number does not increase")

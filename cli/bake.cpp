@@ -17,6 +17,7 @@
 #include <system_error>
 
 #include "cli/backend.h"
+#include "cli/checks.h"
 #include "cli/console.h"
 #include "cli/plan_text.h"
 #include "cli/schemas.h"
@@ -201,6 +202,7 @@ CacheHeader make_header(const Shot& shot) {
   header.root_uv = shot.groom.root_uv;
   header.rest_position.reserve(shot.groom.vertex_count());
   for (const Eigen::Vector3d& p : shot.groom.position) header.rest_position.push_back(p.cast<float>());
+  header.colliders = shot.scene.colliders.size();
   header.program_version = STRANDBAKE_VERSION;
   header.scene_text = shot.scene.text;
   if (!header.scene_text.empty() && header.scene_text.back() != '\n') header.scene_text += '\n';
@@ -307,7 +309,7 @@ class Bake {
       const FrameInput input = next_input_ ? std::move(*next_input_) : shot_.input(frame);
       substeps_ = static_cast<int>(input.substeps());
       next_input_.reset();
-      if (frame < written_.second && !saves) {
+      if (frame < written_.second && !saves && !stop_requested) {
         next_input_ = shot_.input(frame + 1);
         solver_->expect(*next_input_);
       }
@@ -328,6 +330,9 @@ class Bake {
     if (frame >= next_frame_) begin(frame, figures);
   }
 
+  // Whether the state is that of the last frame: a device may have begun with the next one.
+  bool may_stop() const { return device_solver() == nullptr || !next_input_; }
+
   // Writes the frame of the last advance_to().
   void write_last() {
     if (!pending_) return;
@@ -340,9 +345,9 @@ class Bake {
     writer_->finish();
     state_->remove();
   }
-  // Ends early; the frames that were written stay. `resumable`: with the state after the last of them.
+  // Ends early; the frames that were written stay. `resumable`: with the state after the last of them; may_stop() then.
   void close(bool resumable) {
-    if (resumable && checkpoint_seconds_ > 0 && simulated_ && device_solver() == nullptr) save_state();
+    if (resumable && checkpoint_seconds_ > 0 && simulated_) save_state();
     writer_->close();
   }
 
@@ -445,6 +450,8 @@ class Bake {
     pending_->time = frame / scene().bake.fps;
     pending_->position = positions(kNow);
     pending_->head = shot_.head(frame);
+    pending_colliders_ = shot_.spheres(frame);
+    pending_->colliders = pending_colliders_;
     pending_->stats = {figures.largest_stretch, figures.residual, figures.deepest_penetration, substeps_};
     if (velocity_) {
       if (frame == first_simulated()) {
@@ -518,7 +525,8 @@ class Bake {
   int substeps_ = 0;  // of the last advance_to()
   std::array<Positions, 3> positions_;
   std::optional<CacheFrame> pending_;  // simulated, not yet in the file
-  std::unique_ptr<Solver> solver_;     // last: a device may still write positions when a bake fails
+  std::vector<Sphere> pending_colliders_;
+  std::unique_ptr<Solver> solver_;  // last: a device may still write positions when a bake fails
 };
 
 int run_bake(BakeOptions options) {
@@ -554,9 +562,10 @@ int run_bake(BakeOptions options) {
     fmt::print("{}", describe_plan(shot, written, backend, options.threads));
     return kGood;
   }
-  if (!options.force && std::filesystem::exists(options.output)) {
-    return events.failed(
-        kDisk, fmt::format("{}: there is a file of this name already; --force replaces it", options.output.string()));
+  try {
+    require_free(options.output, options.force);
+  } catch (const DiskError& error) {
+    return events.failed(kDisk, error.what());
   }
   const std::string part = options.output.string() + ".part";
   if (!options.force && !options.resume && std::filesystem::exists(part)) {
@@ -617,7 +626,7 @@ int run_bake(BakeOptions options) {
                    static_cast<std::size_t>(written.second - first + 1), "baking");
     progress = &shown;
     for (int frame = first; frame <= written.second && !bake.excess(); ++frame) {
-      if (stop_requested) {
+      if (stop_requested && bake.may_stop()) {
         bake.write_last();
         failure = {kInterrupted, fmt::format("interrupted before frame {}; {}", frame, left_behind(frame))};
         if (bake.next_frame() > written.first) failure->second += ", --resume goes on";
@@ -738,7 +747,7 @@ Verb add_bake(CLI::App& app) {
                  "Keep the state of the solver beside the .part so often, in seconds, for --resume; 0: never, and a "
                  "bake that is resumed simulates from the start")
       ->type_name("SECONDS")
-      ->check(CLI::Range(0.0, 1e9))
+      ->check(number_between(0, 1e9))
       ->capture_default_str();
   app.add_flag("--quiet", options->quiet, "No progress and no summary");
   auto* const json = app.add_flag("--json", options->json, "One JSON object a line on stdout for each event");

@@ -10,6 +10,7 @@
 
 #include "cli/backend.h"
 #include "cli/bench/benchmarks.h"
+#include "cli/checks.h"
 #include "cli/schemas.h"
 #include "cli/verbs.h"
 #include "formats/error.h"
@@ -49,9 +50,7 @@ void write_report(const std::filesystem::path& path, const std::string& text) {
 int run_bench(const Benchmark& benchmark, BenchVerbOptions options) {
   // Before minutes of measuring, not after.
   for (const std::filesystem::path& path : {options.csv, options.svg}) {
-    if (!path.empty() && !options.force && std::filesystem::exists(path)) {
-      throw DiskError(fmt::format("{}: there is a file of this name already; --force replaces it", path.string()));
-    }
+    if (!path.empty()) require_free(path, options.force);
     if (path.has_parent_path() && !std::filesystem::is_directory(path.parent_path())) {
       throw DiskError(fmt::format("{}: there is no folder {}; create it", path.string(), path.parent_path().string()));
     }

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
+#include "cli/checks.h"
 #include "cli/console.h"
 #include "cli/schemas.h"
 #include "cli/verbs.h"
@@ -239,8 +240,7 @@ Verb add_compare(CLI::App& app) {
   app.add_option("--tolerance", options->tolerance,
                  "How far a vertex may be from where it should be, in metres, e.g. 1e-5; left out: not at all")
       ->type_name("METRES")
-      ->check(CLI::Range(0.0, 1e9))
-      ->check([](const std::string& text) { return text.find_first_of("nN") == text.npos ? "" : "must be a number"; });
+      ->check(number_between(0, 1e9));
   app.add_option("--frames", options->frames, "Compare these frames only, e.g. 100-120")
       ->type_name("A-B")
       ->check(check_frames);

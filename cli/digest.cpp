@@ -11,6 +11,7 @@
 #include <optional>
 #include <system_error>
 
+#include "cli/checks.h"
 #include "cli/console.h"
 #include "cli/schemas.h"
 #include "cli/verbs.h"
@@ -52,10 +53,9 @@ nlohmann::ordered_json digest_json(const DigestOptions& options, const CacheDige
 }
 
 int run_digest(const DigestOptions& options) {
-  if (!options.output.empty() && !options.force && std::filesystem::exists(options.output)) {
-    throw DiskError(
-        fmt::format("{}: there is a file of this name already; --force replaces it", options.output.string()));
-  }
+  // Pipes and devices are written to as they are.
+  if (!options.output.empty() && !std::filesystem::is_other(options.output))
+    require_free(options.output, options.force, options.cache);
   const CacheReader cache(options.cache);
   std::optional<std::pair<int, int>> frames;
   if (!options.frames.empty()) frames = parse_frames(options.frames);

@@ -10,6 +10,7 @@
 #include <variant>
 #include <vector>
 
+#include "cli/checks.h"
 #include "cli/console.h"
 #include "cli/schemas.h"
 #include "cli/verbs.h"
@@ -96,10 +97,7 @@ std::string check_units(const std::string& text) {
 }
 
 int run_groom(const GroomOptions& options) {
-  if (std::filesystem::exists(options.output) && !options.force) {
-    throw DiskError(
-        fmt::format("{}: there is a file of this name already; --force replaces it", options.output.string()));
-  }
+  require_free(options.output, options.force);
   Warnings warnings;
   const Groom groom = !options.from.empty()     ? convert(options, warnings)
                       : !options.preset.empty() ? *make_preset(options.preset)

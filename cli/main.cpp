@@ -43,7 +43,8 @@ int main(int argc, char** argv) {
   add("info", "Say what a cache holds", add_info);
   add("compare", "Say how far a cache is from a golden one", add_compare);
   add("digest", "Write what a later bake can be compared with, small enough for git", add_digest);
-  add("preview", "Draw a contact sheet of a cache", add_preview);
+  add("preview", "Draw a contact sheet or a clip of a cache", add_preview);
+  add("view", "Write a page that plays a cache in a browser", add_view);
   add("groom", "Make hair, or convert a groom to .hair", add_groom);
   add("devices", "List the OpenCL devices that can bake", add_devices);
   add("docs", "Print the reference of the scene file, the manual page, schemas or completions", add_docs);

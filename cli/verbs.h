@@ -34,6 +34,7 @@ Verb add_info(CLI::App& app);
 Verb add_compare(CLI::App& app);
 Verb add_digest(CLI::App& app);
 Verb add_preview(CLI::App& app);
+Verb add_view(CLI::App& app);
 Verb add_groom(CLI::App& app);
 Verb add_devices(CLI::App& app);
 Verb add_docs(CLI::App& app);

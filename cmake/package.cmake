@@ -43,7 +43,7 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME strandbake)
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION
   "A groom of hair polylines and an animated head go in, one HDF5 cache with every\nvertex of every frame comes out.")
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
-set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "ocl-icd-libopencl1, python3-strandcache")
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "ffmpeg, ocl-icd-libopencl1, python3-strandcache")
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libstrandbake-dev)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libdevel)
 set(CPACK_COMPONENT_LIBRARY_DESCRIPTION

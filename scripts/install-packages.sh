@@ -5,11 +5,12 @@
 set -euo pipefail
 
 packages=(g++ cmake ninja-build pkg-config libeigen3-dev libassimp-dev libhdf5-dev libdeflate-dev libtomlplusplus-dev
-  libcli11-dev libfmt-dev nlohmann-json3-dev libpng-dev nettle-dev opencl-c-headers)
+  libcli11-dev libfmt-dev nlohmann-json3-dev libgif-dev libpng-dev nettle-dev opencl-c-headers)
 if [ "${1:-build}" = test ]; then
   packages+=(catch2 clang-14 llvm-14 libclang-rt-14-dev libomp-14-dev clang-format-14 clang-tidy-14 gcovr hdf5-tools binutils
     valgrind pocl-opencl-icd ocl-icd-libopencl1 oclgrind python3 python3-venv python3-h5py python3-numpy python3-pytest
-    python3-yaml python3-jsonschema assimp-testmodels zsh fish mandoc dpkg-dev python3-pil)
+    python3-yaml python3-jsonschema assimp-testmodels zsh fish mandoc dpkg-dev python3-pil ffmpeg
+    chromium)
   packages+=(libegl1 libgl1 libgl1-mesa-dri libsm6 libxfixes3 libxi6 libxkbcommon0 libxrender1)  # what PyPI's bpy and vtk link
 fi
 

@@ -20,7 +20,7 @@ VARIANTS: dict[str, list[str]] = {
             "region.hair.global.stiffness=0.05", "region.hair.damping=0.15", "region.hair.drag=0.1"],
     "heavy": ["forces.gravity=[0, -30, 0]", "region.hair.local.stiffness=0.3", "region.hair.global.stiffness=0.05",
               "region.hair.drag=0.3"],
-    "stiff": ["region.hair.local.stiffness=0.9", "region.hair.local.iterations=10", "region.hair.global.stiffness=0.4",
+    "stiff": ["region.hair.local.stiffness=0.99", "region.hair.local.iterations=10", "region.hair.global.stiffness=0.4",
               "region.hair.global.range=0.9"],
 }
 

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <limits>
 #include <span>
 
 namespace strandbake {
@@ -21,13 +22,48 @@ struct View {
   Eigen::Matrix3f axes() const;
 };
 
+// What a camera must have in its picture: any number of points, of many frames, then the place from which they just
+// fit.
+class Framing {
+ public:
+  // For pictures of this shape. Values of the view outside their ranges are clamped. Throws std::invalid_argument where
+  // a side of the picture is not positive.
+  Framing(const View& view, int width, int height);
+
+  // All points but those far from the rest (see robust_bounds), each moved by -shift.
+  void add(std::span<const Eigen::Vector3f> points, const Eigen::Vector3f& shift = Eigen::Vector3f::Zero());
+  // An ellipsoid; the columns of `radii` lead from its middle to its surface.
+  void add(const Eigen::Vector3f& middle, const Eigen::Matrix3f& radii);
+
+  // The middle of what was added, in the world; the origin where there is nothing.
+  Eigen::Vector3f middle() const;
+
+ private:
+  friend class Camera;
+  void add_extent(const Eigen::Vector3f& middle, const Eigen::Matrix3f& radii);
+
+  int width_, height_;
+  Eigen::Matrix3f axes_;
+  float focal_;
+  Eigen::Vector2f free_;  // half sides of the picture less the margin [pixels]
+  Eigen::AlignedBox3f bounds_;
+  // How far things reach across the right, left, upper and lower plane that bound what is seen.
+  Eigen::Vector4f reach_ = Eigen::Vector4f::Constant(-std::numeric_limits<float>::infinity());
+};
+
 class Camera {
  public:
-  // Looks at the middle of `box` from just far enough for all of it to be inside the picture and its margin. The box
-  // has the axes of the view (see robust_bounds), which fits hair closer than one with those of the world. An empty box
-  // counts as a cube of 0.3 m at the origin, one without size as a small cube. Values of the view outside their ranges
-  // are clamped. Throws std::invalid_argument where a side of the picture is not positive.
+  // From just far enough for everything to be inside the picture and its margin. With nothing in it a cube of 0.3 m at
+  // the origin counts; what has no size counts as a small cube.
+  explicit Camera(const Framing& framing);
+  // A box along the axes of the view.
   Camera(const Eigen::AlignedBox3f& box, const View& view, int width, int height);
+  // At `from`, looking at `at`, +Y upward; straight up or down, -Z or +Z is. Two places that are the same make it look
+  // along -Z. Throws as Framing.
+  Camera(const Eigen::Vector3f& from, const Eigen::Vector3f& at, float fov_deg, int width, int height);
+
+  // The same, elsewhere.
+  Camera moved(const Eigen::Vector3f& by) const;
 
   int width() const { return width_; }
   int height() const { return height_; }

@@ -35,11 +35,13 @@ float srgb(float linear) {
   return 0.642367122f * s1 + 0.712108992f * s2 - 0.336869382f * s3 - 0.0175636790f * linear;
 }
 
-std::vector<std::uint8_t> to_rgb8(const Image& image) {
-  std::vector<std::uint8_t> bytes;
-  bytes.reserve(image.pixel.size() * 3);
-  for (const Eigen::Vector4f& p : image.pixel) {
-    for (int c = 0; c < 3; ++c) bytes.push_back(static_cast<std::uint8_t>(std::lround(255 * srgb(p[c]))));
+std::vector<std::uint8_t> to_rgb8(const Image& image, int threads) {
+  std::vector<std::uint8_t> bytes(image.pixel.size() * 3);
+#pragma omp parallel for schedule(static) num_threads(threads)
+  for (std::size_t p = 0; p < image.pixel.size(); ++p) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      bytes[3 * p + c] = static_cast<std::uint8_t>(255 * srgb(image.pixel[p][static_cast<Eigen::Index>(c)]) + 0.5f);
+    }
   }
   return bytes;
 }

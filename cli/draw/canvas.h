@@ -42,6 +42,6 @@ Eigen::Vector3f tone_map(const Eigen::Vector3f& color);
 float srgb(float linear);
 
 // Three bytes a pixel, as the screen shows the image over black.
-std::vector<std::uint8_t> to_rgb8(const Image& image);
+std::vector<std::uint8_t> to_rgb8(const Image& image, int threads = 1);
 
 }  // namespace strandbake

@@ -92,6 +92,7 @@ constexpr Glyph glyphs[] = {
     {')', "~00 34 39 0d"},
     {'+', "07 87,43 4b"},
     {'=', "05 75,09 79"},
+    {'%', "90 0c,~20 40 44 04 00 20,~78 98 9c 5c 58 78"},
 };
 constexpr const char* missing = "00 80 8c 0c 00";
 constexpr float units_per_height = 12;

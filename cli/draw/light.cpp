@@ -52,12 +52,13 @@ void Occlusion::add(const Eigen::Vector3f& point, float area) {
   if (!((place.array() >= 0).all() && (place.array() <= (count_.array() - 1).cast<float>()).all())) return;
   const float amount = unit * std::min(area / (cube_ * cube_), 8.0f);
   visit_corners(place, count_, [&](std::size_t index, float weight) {
-    const auto whole = static_cast<std::uint32_t>(std::lround(weight * amount));
-    std::uint32_t& to = added_[index];
-    if (whole == 0) return;
-#pragma omp atomic
-    to += whole;
+    const auto whole = static_cast<std::uint32_t>(weight * amount + 0.5f);
+    added_[index] += whole;
   });
+}
+
+void Occlusion::add(const Occlusion& other) {
+  for (std::size_t c = 0; c < added_.size(); ++c) added_[c] += other.added_[c];
 }
 
 void Occlusion::fill(std::span<const Shape> shapes) {
@@ -161,6 +162,12 @@ Studio::Studio(const Camera& camera, const Occlusion& hair, int threads) : hair_
   };
   lamps_ = {lamp(-0.60f, 0.75f, 0.60f, {3.00f, 2.85f, 2.65f}), lamp(0.85f, 0.05f, 0.60f, {0.62f, 0.72f, 0.88f}),
             lamp(0.55f, 0.55f, -0.75f, {2.20f, 2.30f, 2.50f})};
+  directions_.setZero();
+  colors_.setZero();
+  for (Eigen::Index l = 0; l < 3; ++l) {
+    directions_.row(l) = lamps_[static_cast<std::size_t>(l)].direction;
+    colors_.row(l) = lamps_[static_cast<std::size_t>(l)].color;
+  }
   sky_ = {0.62f, 0.66f, 0.72f};
 
   // The sky: six sides and eight corners, brighter from above.

@@ -20,9 +20,10 @@ class Occlusion {
   // Cubes such that the longest side of the box has `resolution` of them. The box may be empty or have no size.
   Occlusion(const Eigen::AlignedBox3f& box, int resolution);
 
-  // Hair of that projected area [m^2] around a point. May be called by several threads at once: sums are whole numbers,
-  // so their order does not matter.
+  // Hair of that projected area [m^2] around a point.
   void add(const Eigen::Vector3f& point, float area);
+  // What was added to another one of the same box. Sums are whole numbers, so their order does not matter.
+  void add(const Occlusion& other);
   // Fills what lies inside the shapes. Call it after the last add().
   void fill(std::span<const Shape> shapes);
   // The same content in cubes of twice the side.
@@ -65,7 +66,9 @@ class Studio {
   // shapes.
   Studio(const Camera& camera, const Occlusion& hair, int threads);
 
-  const std::array<Lamp, 3>& lamps() const { return lamps_; }
+  // All lamps at once, a row each; the fourth is dark.
+  const Eigen::Matrix<float, 4, 3>& directions() const { return directions_; }
+  const Eigen::Matrix<float, 4, 3>& colors() const { return colors_; }
   const Eigen::Vector3f& sky() const { return sky_; }
   Visibility visibility(const Eigen::Vector3f& point) const;
   // A matte surface.
@@ -74,6 +77,7 @@ class Studio {
 
  private:
   std::array<Lamp, 3> lamps_;
+  Eigen::Matrix<float, 4, 3> directions_, colors_;
   Eigen::Vector3f sky_;
   const Occlusion* hair_;
   Occlusion coarse_;
@@ -84,6 +88,9 @@ class Studio {
 // exp(-x) for x >= 0 within 0.02, without a call that machines round differently.
 inline float fade(float x) {
   return 1 / (1 + x * (1 + x * (0.5f + x * (1.0f / 6 + x / 24))));
+}
+inline Eigen::Array4f fade(const Eigen::Array4f& x) {
+  return (1 + x * (1 + x * (0.5f + x * (1.0f / 6 + x / 24)))).inverse();
 }
 
 }  // namespace strandbake

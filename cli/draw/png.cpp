@@ -1,15 +1,12 @@
 #include "cli/draw/png.h"
 
 #include <png.h>
-#include <unistd.h>
 
-#include <cerrno>
 #include <cstdint>
-#include <cstdio>
-#include <cstring>
-#include <string>
-#include <system_error>
+#include <span>
 #include <vector>
+
+#include "cli/draw/part_file.h"
 
 namespace strandbake {
 
@@ -27,27 +24,9 @@ void write_png(const Image& image, const std::filesystem::path& path) {
     throw DiskError(path.string() + ": libpng cannot encode the image: " + png.message);
   }
 
-  const std::string part = path.string() + ".part";
-  const auto fail = [&](const char* what, int error) {
-    throw DiskError(path.string() + ": cannot " + what + ": " + std::strerror(error));
-  };
-  std::FILE* file = std::fopen(part.c_str(), "wb");
-  if (!file) fail("create the file", errno);
-  int error = 0;
-  if (std::fwrite(bytes.data(), 1, size, file) != size || std::fflush(file) != 0 || fsync(fileno(file)) != 0) {
-    error = errno;
-  }
-  if (std::fclose(file) != 0 && error == 0) error = errno;
-  const char* what = "write the file";
-  if (error == 0 && std::rename(part.c_str(), path.c_str()) != 0) {
-    error = errno;
-    what = "give the file its name";
-  }
-  if (error != 0) {
-    std::error_code ignored;
-    std::filesystem::remove(part, ignored);
-    fail(what, error);
-  }
+  PartFile file(path);
+  file.write(std::as_bytes(std::span(bytes).first(size)));
+  file.finish();
 }
 
 }  // namespace strandbake

@@ -31,7 +31,24 @@ std::string cut_to(const std::string& text, float height, float width) {
   return kept + "...";
 }
 
+// In the lower left corner of the part of the page that begins there.
+float caption_size(int height) {
+  return std::clamp(static_cast<float>(height) / 34, 7.0f, 20.0f);
+}
+void draw_frame_number(Image& page, int left, int top, int height, int frame) {
+  const float size = caption_size(height);
+  draw_text(page, std::to_string(frame), static_cast<float>(left) + 1.2f * size,
+            static_cast<float>(top + height) - 2.2f * size, size, {0.75f, 0.77f, 0.80f});
+}
+
 }  // namespace
+
+void annotate(Image& image, int frame, const Legend& legend) {
+  draw_frame_number(image, 0, 0, image.height, frame);
+  const float size = 0.8f * caption_size(image.height);
+  const float x = static_cast<float>(image.width) - legend_width(legend, size) - 1.5f * size;
+  draw_legend(image, legend, x, static_cast<float>(image.height) - 2.7f * size, size);
+}
 
 Image make_contact_sheet(std::span<const SheetTile> tiles, const SheetOptions& options) {
   if (tiles.empty()) throw std::invalid_argument("a contact sheet needs at least one picture");
@@ -49,25 +66,30 @@ Image make_contact_sheet(std::span<const SheetTile> tiles, const SheetOptions& o
 
   const int page_width = gutter + columns * (width + gutter);
   const float title_height = std::clamp(static_cast<float>(page_width) / 90, 8.0f, 16.0f);
-  const int strip = options.title.empty() ? 0 : static_cast<int>(std::lround(2.6f * title_height));
+  const float indent = gutter + title_height;
+  const float room = static_cast<float>(page_width) - 2 * indent;
+  const float legend_room = options.legend.empty() ? 0 : legend_width(options.legend, title_height);
+  const bool one_line = options.title.empty() || legend_room == 0 ||
+                        text_width(options.title, title_height) + 2 * title_height + legend_room <= room;
+  const int line = static_cast<int>(std::lround(2.6f * title_height));
+  const int lines = options.title.empty() && options.legend.empty() ? 0 : one_line ? 1 : 2;
+  const int strip = lines * line;
   Image page(page_width, strip + gutter + rows * (height + gutter), Eigen::Vector4f(0.006f, 0.007f, 0.009f, 1));
-  if (strip > 0) {
-    const float indent = gutter + title_height;
-    draw_text(page, cut_to(options.title, title_height, static_cast<float>(page_width) - 2 * indent), indent,
-              static_cast<float>(gutter + strip) / 2 - title_height / 2, title_height, {0.62f, 0.64f, 0.67f});
+  const float text_top = static_cast<float>(gutter + line) / 2 - title_height / 2;
+  if (!options.title.empty())
+    draw_text(page, cut_to(options.title, title_height, room), indent, text_top, title_height, {0.62f, 0.64f, 0.67f});
+  if (!options.legend.empty()) {
+    const float x = one_line && !options.title.empty() ? static_cast<float>(page_width) - indent - legend_room : indent;
+    draw_legend(page, options.legend, x, text_top + static_cast<float>(strip - line), title_height);
   }
 
-  const float caption_height = std::clamp(static_cast<float>(height) / 34, 7.0f, 20.0f);
   for (int t = 0; t < count; ++t) {
     const int left = gutter + t % columns * (width + gutter), top = strip + gutter + t / columns * (height + gutter);
     const SheetTile& tile = tiles[static_cast<std::size_t>(t)];
     for (int y = 0; y < height; ++y) {
       std::copy_n(&tile.image.at(0, y), width, &page.at(left, top + y));
     }
-    const std::string caption = std::to_string(tile.frame);
-    const float x = static_cast<float>(left) + 1.2f * caption_height;
-    const float y = static_cast<float>(top + height) - 2.2f * caption_height;
-    draw_text(page, caption, x, y, caption_height, {0.75f, 0.77f, 0.80f});
+    draw_frame_number(page, left, top, height, tile.frame);
   }
   return page;
 }

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "cli/draw/canvas.h"
+#include "cli/draw/legend.h"
 
 namespace strandbake {
 
@@ -15,8 +16,12 @@ struct SheetTile {
 
 struct SheetOptions {
   std::string title;  // one line over the tiles, cut where it is too long; empty: none
+  Legend legend;      // beside the title, or below it where they are too long
   int columns = 0;    // 0: chosen so that the page is about as wide as a screen
 };
+
+// What a frame of a clip has in its lower corners: its number, and the legend.
+void annotate(Image& image, int frame, const Legend& legend);
 
 // Tiles from left to right, then down. Throws std::invalid_argument where there is no tile, tiles differ in size, or
 // columns are negative.

@@ -16,8 +16,9 @@ namespace strandbake {
 namespace {
 
 constexpr int grid_resolution = 96;
-constexpr float curve_pixels = 7;  // a piece of a curve is about so long
-constexpr int most_pieces = 12;    // per segment
+constexpr float curve_error = 0.12f;  // [pixels] that a piece is off the curve, about
+constexpr float most_pixels = 32;     // a piece is about so long at most, as light is interpolated along it
+constexpr int most_pieces = 12;       // per segment
 
 // 0 .. 1, different for each strand and each use.
 float chance(std::uint64_t strand, std::uint32_t use) {
@@ -35,14 +36,10 @@ Eigen::Vector3f unit_or(const Eigen::Vector3f& v, const Eigen::Vector3f& otherwi
   return length > 0 && std::isfinite(length) ? Eigen::Vector3f(v / length) : otherwise;
 }
 
-float power4(float x) {
-  return x * x * x * x;
-}
-
 // A bell of that width about 0, as a Gaussian near its middle.
-float bell(float x, float width) {
-  const float u = x / width;
-  return 1 / power4(1 + u * u / 8);
+Eigen::Array4f bell(const Eigen::Array4f& x, float width) {
+  const Eigen::Array4f u = x / width;
+  return (1 + u.square() / 8).square().square().inverse();
 }
 
 Eigen::Vector3f square_root(const Eigen::Vector3f& c) {
@@ -51,7 +48,8 @@ Eigen::Vector3f square_root(const Eigen::Vector3f& c) {
 
 struct StrandLook {
   Eigen::Vector3f color;
-  float tilt;  // of its cuticle: moves the highlights along the strand
+  float tilt;       // of its cuticle: moves the highlights along the strand
+  float gloss = 1;  // of the highlights
 };
 
 StrandLook look_of(std::uint64_t strand, std::uint32_t region) {
@@ -63,33 +61,31 @@ StrandLook look_of(std::uint64_t strand, std::uint32_t region) {
 
 // Light that a strand sends to the eye. Lobes as Marschner et al. 2003 name them: R off the surface, TT through the
 // fibre, TRT off its far side; `along` runs 0 .. 1 from root to tip.
-Eigen::Vector3f shade(const Studio& studio, const Eigen::Vector3f& point, const Eigen::Vector3f& tangent,
+Eigen::Vector3f shade(const Studio& studio, const Visibility& seen, const Eigen::Vector3f& tangent,
                       const Eigen::Vector3f& to_eye, const StrandLook& look, float along) {
-  const Visibility seen = studio.visibility(point);
   const Eigen::Vector3f base = look.color;
   const Eigen::Vector3f bright = square_root(base);
   const float eye_along = tangent.dot(to_eye);
   const Eigen::Vector3f eye_across = to_eye - eye_along * tangent;
   const float eye_sine = std::sqrt(std::max(1 - eye_along * eye_along, 1e-4f));
   Eigen::Vector3f sum = studio.sky().cwiseProduct(base) * (0.55f * seen.sky * seen.sky + 0.25f * seen.sky);
-  for (std::size_t l = 0; l < studio.lamps().size(); ++l) {
-    const Lamp& lamp = studio.lamps()[l];
-    const float light_along = tangent.dot(lamp.direction);
-    const float light_sine = std::sqrt(std::max(1 - light_along * light_along, 1e-4f));
-    const float turn =
-        eye_across.dot(lamp.direction) / (eye_sine * light_sine);  // cosine between the two, seen along t
-    const float front = std::clamp((1 + turn) / 2, 0.0f, 1.0f), behind = 1 - front;
-    const float middle = (light_along + eye_along) / 2 + look.tilt;
-    const float r = std::sqrt(front) * bell(middle + 0.07f, 0.085f);
-    const float trt = front * front * bell(middle - 0.09f, 0.14f);
-    const float tt = power4(behind) * bell(middle - 0.03f, 0.22f);
-    // Light that wanders through hair takes on its colour: dark deep down, but warm.
-    const float depth = seen.depth[static_cast<Eigen::Index>(l)];
-    const Eigen::Vector3f through(fade(0.85f * depth), fade(0.98f * depth), fade(1.08f * depth));
-    const Eigen::Vector3f scattered = base * (0.24f * light_sine * (0.45f + 0.55f * front));
-    const Eigen::Vector3f glints = Eigen::Vector3f::Constant(0.10f * r) + bright.cwiseProduct(base) * (1.9f * trt) +
-                                   base.cwiseProduct(bright) * (1.5f * tt);
-    sum += lamp.color.cwiseProduct(through).cwiseProduct(scattered + glints);
+  // A lane is a lamp.
+  const Eigen::Array4f light_along = studio.directions() * tangent;
+  const Eigen::Array4f light_sine = (1 - light_along.square()).max(1e-4f).sqrt();
+  const Eigen::Array4f turn =
+      (studio.directions() * eye_across).array() / (eye_sine * light_sine);  // cosine between the two, seen along t
+  const Eigen::Array4f front = ((1 + turn) / 2).max(0.0f).min(1.0f), behind = 1 - front;
+  const Eigen::Array4f middle = (light_along + eye_along) / 2 + look.tilt;
+  const Eigen::Array4f r = 0.10f * look.gloss * front.sqrt() * bell(middle + 0.07f, 0.085f);
+  const Eigen::Array4f trt = 1.9f * look.gloss * front.square() * bell(middle - 0.09f, 0.14f);
+  const Eigen::Array4f tt = 1.5f * look.gloss * behind.square().square() * bell(middle - 0.03f, 0.22f);
+  const Eigen::Array4f scattered = 0.24f * light_sine * (0.45f + 0.55f * front);
+  // Light that wanders through hair takes on its colour: dark deep down, but warm.
+  constexpr std::array<float, 3> density = {0.85f, 0.98f, 1.08f};
+  for (Eigen::Index c = 0; c < 3; ++c) {
+    const Eigen::Array4f through =
+        studio.colors().col(c).array() * fade(density[static_cast<std::size_t>(c)] * seen.depth.array());
+    sum[c] += (through * (base[c] * scattered + r + (bright[c] * base[c]) * (trt + tt))).sum();
   }
   // Roots lie in the shade of the hair that grows around them.
   const float root = 1 - std::min(along / 0.25f, 1.0f);
@@ -129,7 +125,10 @@ struct Curve {
     for (std::size_t i = 0; i + 1 < n; ++i) {
       const float depth = std::max(-(camera.axes().row(2).dot(p[i] - camera.eye())), camera.near_depth());
       const float pixels = length[i] * camera.focal() / depth;
-      pieces[i] = static_cast<int>(std::clamp(pixels / curve_pixels + 0.5f, 1.0f, static_cast<float>(most_pieces)));
+      // An arc of that length and turn is length * turn / 8 off its chord, and k chords are so k * k times less.
+      const float turn = (tangent[i + 1] - tangent[i]).norm();
+      const float wanted = std::max(std::sqrt(pixels * turn / (8 * curve_error)), pixels / most_pixels);
+      pieces[i] = static_cast<int>(std::clamp(wanted + 0.8f, 1.0f, static_cast<float>(most_pieces)));
     }
   }
 
@@ -154,10 +153,22 @@ void check(const StrandsView& strands) {
                                 std::to_string(strands.position.size()) + " vertices");
   }
   const std::size_t count = offset.empty() ? 0 : offset.size() - 1;
+  if (!strands.value.empty() && strands.value.size() != strands.position.size()) {
+    throw std::invalid_argument(std::to_string(strands.value.size()) + " values were given for " +
+                                std::to_string(strands.position.size()) + " vertices");
+  }
   if (!strands.region.empty() && strands.region.size() != count) {
     throw std::invalid_argument(std::to_string(strands.region.size()) + " regions were given for " +
                                 std::to_string(count) + " strands");
   }
+}
+
+// Whether a camera should have it in its picture, and light has to take care of it.
+bool is_seen(const Shape& shape, const Eigen::AlignedBox3f& hair) {
+  if (!shape.center.allFinite() || !shape.radius.allFinite() || !shape.axes.allFinite()) return false;
+  const Eigen::AlignedBox3f bounds = shape.bounds(Eigen::Matrix3f::Identity());
+  const bool usable = bounds.min().minCoeff() >= -farthest && bounds.max().maxCoeff() <= farthest;
+  return usable && (hair.isEmpty() || bounds.diagonal().norm() < 3 * hair.diagonal().norm());
 }
 
 // A wall behind the hair, lighter behind its middle, and a hint of a floor below the horizon.
@@ -182,19 +193,32 @@ Image draw_strands(const StrandsView& strands, const Camera& camera, const DrawO
     return strands.position.subspan(strands.offset[s], strands.offset[s + 1] - strands.offset[s]);
   };
 
-  Occlusion occlusion(frame_bounds(strands, Eigen::Matrix3f::Identity()), grid_resolution);
-#pragma omp parallel for schedule(dynamic, 64) num_threads(threads)
-  for (std::size_t s = 0; s < count; ++s) {
-    const auto p = vertices(s);
-    if (!is_drawn(p)) continue;
-    for (std::size_t i = 0; i + 1 < p.size(); ++i) {
-      const float length = (p[i + 1] - p[i]).norm();
-      const int samples = static_cast<int>(std::clamp(length / occlusion.cube(), 0.0f, 31.0f)) + 1;
-      for (int k = 0; k < samples; ++k) {
-        const float t = (static_cast<float>(k) + 0.5f) / static_cast<float>(samples);
-        occlusion.add(p[i] + t * (p[i + 1] - p[i]), width * length / static_cast<float>(samples));
+  const Eigen::AlignedBox3f hair = robust_bounds(strands.position);
+  Eigen::AlignedBox3f box = hair;
+  for (const Shape& shape : strands.shapes) {
+    if (is_seen(shape, hair)) box.extend(shape.bounds(Eigen::Matrix3f::Identity()));
+  }
+  Occlusion occlusion(box, grid_resolution);
+  // Each thread adds to one of its own, of which there must not be too many.
+  const int adding = std::min(threads, 8);
+#pragma omp parallel num_threads(adding)
+  {
+    Occlusion own(box, grid_resolution);
+#pragma omp for schedule(static) nowait
+    for (std::size_t s = 0; s < count; ++s) {
+      const auto p = vertices(s);
+      if (!is_drawn(p)) continue;
+      for (std::size_t i = 0; i + 1 < p.size(); ++i) {
+        const float length = (p[i + 1] - p[i]).norm();
+        const int samples = static_cast<int>(std::clamp(0.7f * length / occlusion.cube(), 0.0f, 31.0f)) + 1;
+        for (int k = 0; k < samples; ++k) {
+          const float t = (static_cast<float>(k) + 0.5f) / static_cast<float>(samples);
+          own.add(p[i] + t * (p[i + 1] - p[i]), width * length / static_cast<float>(samples));
+        }
       }
     }
+#pragma omp critical
+    occlusion.add(own);
   }
   occlusion.fill(strands.shapes);
   const Studio studio(camera, occlusion, threads);
@@ -222,13 +246,18 @@ Image draw_strands(const StrandsView& strands, const Camera& camera, const DrawO
       if (offset[s] == offset[s + 1]) continue;
       const auto p = vertices(s);
       curve.fit(p, camera);
-      const StrandLook look = look_of(s, strands.region.empty() ? 0 : strands.region[s]);
+      StrandLook look = look_of(s, strands.region.empty() ? 0 : strands.region[s]);
+      if (!strands.value.empty()) look.gloss = 0.3f;  // colours must be told apart
       LinePoint* to = &points[offset[s]];
       float before = 0;
+      Visibility light_at_end = studio.visibility(p[0]);
       for (std::size_t i = 0; i + 1 < p.size(); ++i) {
         // A cubic whose tangents are as long as the segment: it never overshoots, and a straight strand stays straight.
         const int pieces = curve.pieces[i];
         const bool last = i + 2 == p.size();
+        // Light changes slowly along a segment.
+        const Visibility light_at_start = light_at_end;
+        light_at_end = studio.visibility(p[i + 1]);
         for (int k = 0; k < pieces + (last ? 1 : 0); ++k) {
           const float t = static_cast<float>(k) / static_cast<float>(pieces);
           const float t2 = t * t, t3 = t2 * t;
@@ -238,10 +267,16 @@ Image draw_strands(const StrandsView& strands, const Camera& camera, const DrawO
           const Eigen::Vector3f slope =
               (6 * t2 - 6 * t) * (p[i] - p[i + 1]) + (3 * t2 - 4 * t + 1) * m0 + (3 * t2 - 2 * t) * m1;
           const float along = curve.total > 0 ? (before + t * curve.length[i]) / curve.total : 0;
+          if (!strands.value.empty()) {
+            const float* const value = &strands.value[strands.offset[s] + i];
+            look.color = scale_color(value[0] + t * (value[1] - value[0]));
+          }
+          const Visibility light = {light_at_start.depth + t * (light_at_end.depth - light_at_start.depth),
+                                    light_at_start.sky + t * (light_at_end.sky - light_at_start.sky)};
           const Eigen::Vector3f seen = camera.project(at);
           *to++ = {seen.x(), seen.y(), seen.z() > camera.near_depth() ? seen.z() : 0,
                    width * taper(along) * camera.focal() / seen.z(),
-                   shade(studio, at, unit_or(slope, curve.tangent[i]),
+                   shade(studio, light, unit_or(slope, curve.tangent[i]),
                          unit_or(camera.eye() - at, Eigen::Vector3f::UnitY()), look, along)};
         }
         before += curve.length[i];
@@ -292,15 +327,12 @@ float natural_width(std::span<const Eigen::Vector3f> position, std::span<const s
   return spacing > 0 && std::isfinite(spacing) ? std::min(share * spacing, widest) : widest;
 }
 
-Eigen::AlignedBox3f frame_bounds(const StrandsView& strands, const Eigen::Matrix3f& axes) {
-  Eigen::AlignedBox3f box = robust_bounds(strands.position, axes);
-  const Eigen::AlignedBox3f hair = box;
+void frame_strands(const StrandsView& strands, const Eigen::Vector3f& shift, Framing& framing) {
+  framing.add(strands.position, shift);
+  const Eigen::AlignedBox3f hair = robust_bounds(strands.position);
   for (const Shape& shape : strands.shapes) {
-    const Eigen::AlignedBox3f bounds = shape.bounds(axes);
-    const bool usable = bounds.min().minCoeff() >= -farthest && bounds.max().maxCoeff() <= farthest;
-    if (usable && (hair.isEmpty() || bounds.diagonal().norm() < 3 * hair.diagonal().norm())) box.extend(bounds);
+    if (is_seen(shape, hair)) framing.add(shape.center - shift, shape.axes * shape.radius.asDiagonal());
   }
-  return box;
 }
 
 Eigen::Vector3f region_color(std::uint32_t region) {
@@ -315,6 +347,22 @@ Eigen::Vector3f region_color(std::uint32_t region) {
       {0.035f, 0.032f, 0.040f},  // raven
   }};
   return palette[region % palette.size()];
+}
+
+Eigen::Vector3f scale_color(float value) {
+  static const std::array<Eigen::Vector3f, 6> colors = {{
+      {0.030f, 0.055f, 0.220f},  // indigo
+      {0.020f, 0.190f, 0.420f},  // blue
+      {0.020f, 0.380f, 0.260f},  // sea green
+      {0.330f, 0.520f, 0.060f},  // leaf
+      {0.900f, 0.480f, 0.040f},  // amber
+      {0.800f, 0.045f, 0.030f},  // red
+  }};
+  constexpr auto pieces = static_cast<float>(colors.size() - 1);
+  if (!(value < 1)) return colors.back();
+  const float place = std::max(value, 0.0f) * pieces;
+  const auto low = static_cast<std::size_t>(place);
+  return colors[low] + (place - static_cast<float>(low)) * (colors[low + 1] - colors[low]);
 }
 
 }  // namespace strandbake

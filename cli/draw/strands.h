@@ -16,6 +16,7 @@ struct StrandsView {
   std::span<const std::uint64_t> offset;      // [strands + 1] as Groom::offset; empty: no strand
   std::span<const std::uint32_t> region;      // [strands], or empty: all in region 0
   std::span<const Shape> shapes;              // colliders, the head
+  std::span<const float> value;               // [vertices], 0 .. 1 of scale_color(), in place of regions; or empty
 };
 
 struct DrawOptions {
@@ -31,12 +32,15 @@ Image draw_strands(const StrandsView& strands, const Camera& camera, const DrawO
 // from the rest pose and use it for all frames.
 float natural_width(std::span<const Eigen::Vector3f> position, std::span<const std::uint64_t> offset);
 
-// What a camera should see of one frame: the robust bounds of the hair, and the shapes unless they are larger than
-// three times the hair, as a box along the rows of `axes`. A Camera takes it along View::axes(); take the union over
-// the frames of a sheet.
-Eigen::AlignedBox3f frame_bounds(const StrandsView& strands, const Eigen::Matrix3f& axes);
+// Adds what a camera should see of one frame: the hair but for what flew away, and the shapes unless they are larger
+// than three times the hair. All is moved by -shift.
+void frame_strands(const StrandsView& strands, const Eigen::Vector3f& shift, Framing& framing);
 
 // The colour of a region's hair in linear light: eight natural ones, then again from the first.
 Eigen::Vector3f region_color(std::uint32_t region);
+
+// The colour of a measured value in linear light: from blue at 0 over green and yellow to red at 1 and beyond; what is
+// no number is as 1.
+Eigen::Vector3f scale_color(float value);
 
 }  // namespace strandbake

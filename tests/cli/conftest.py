@@ -133,6 +133,19 @@ def positions(path):
     return read(path)["frames/position"]
 
 
+def cut(cache, name, frames):
+    """The cache as a bake that ended early leaves it."""
+    with h5py.File(cache) as file, h5py.File(cache.with_name(name), "w") as part:
+        for key, value in file.attrs.items():
+            part.attrs[key] = value
+        for key in file:
+            file.copy(key, part)
+        part.attrs["complete"] = np.uint8(0)
+        for group in (part["frames"], part["stats"]):
+            for item in group.values():
+                item.resize(frames, axis=0)
+
+
 def assert_one_error(run, code, *words):
     """One sentence on stderr that names the place, nothing on stdout."""
     assert run.code == code, run.err

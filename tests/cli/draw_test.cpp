@@ -1,6 +1,7 @@
 // Pictures: coverage, order of depth, the camera, captions, PNG files.
 #include <png.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -15,8 +16,12 @@
 
 #include "cli/draw/camera.h"
 #include "cli/draw/canvas.h"
+#include "cli/draw/clip.h"
 #include "cli/draw/font.h"
+#include "cli/draw/legend.h"
 #include "cli/draw/light.h"
+#include "cli/draw/palette.h"
+#include "cli/draw/part_file.h"
 #include "cli/draw/png.h"
 #include "cli/draw/raster.h"
 #include "cli/draw/shape.h"
@@ -74,14 +79,20 @@ struct TestGroom {
       region.push_back(static_cast<std::uint32_t>(region.size()) % 3);
     }
   }
-  StrandsView view(std::span<const Shape> shapes = {}) const { return {position, offset, region, shapes}; }
+  StrandsView view(std::span<const Shape> shapes = {}) const { return {position, offset, region, shapes, {}}; }
 };
+
+Camera frame(const StrandsView& strands, const View& view, int width, int height) {
+  Framing framing(view, width, height);
+  frame_strands(strands, Vector3f::Zero(), framing);
+  return Camera(framing);
+}
 
 Image draw(const StrandsView& strands, int threads = 1, int width = 160, int height = 120) {
   const View view;
   DrawOptions options;
   options.threads = threads;
-  return draw_strands(strands, Camera(frame_bounds(strands, view.axes()), view, width, height), options);
+  return draw_strands(strands, frame(strands, view, width, height), options);
 }
 
 bool same(const Image& a, const Image& b) {
@@ -103,6 +114,10 @@ struct Folder {
   ~Folder() {
     std::error_code ignored;
     std::filesystem::remove_all(path, ignored);
+  }
+  // Where PartFile writes what is to become `name`.
+  std::filesystem::path part(const std::string& name) const {
+    return path / (name + "." + std::to_string(::getpid()) + ".part");
   }
   std::size_t entries() const {
     return static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(path), {}));
@@ -188,6 +203,56 @@ TEST_CASE("a half covering strand lets half of what is behind it through, and a 
   CHECK(canvas.image.at(9, 8).isApprox(Vector4f(0.5f, 0.5f, 0, 1), 1e-5f));
 }
 
+TEST_CASE("many layers blend as they would from the front to the back, in whatever order they are drawn") {
+  Random random;
+  struct Layer {
+    float depth, alpha;
+    Vector3f color;
+  };
+  for (int trial = 0; trial < 20; ++trial) {
+    std::vector<Layer> layers;
+    for (int k = 0; k < 60; ++k) {
+      const Vector3f color(random(0, 1), random(0, 1), random(0, 1));
+      layers.push_back({random(1, 2), random(0.1f, 0.9f), color});
+    }
+    std::vector<LinePoint> points;
+    std::vector<std::uint64_t> offset = {0};
+    for (const Layer& layer : layers) {
+      points.push_back(point(2, 8.5f, layer.alpha, layer.depth, layer.color));
+      points.push_back(point(14, 8.5f, layer.alpha, layer.depth, layer.color));
+      offset.push_back(points.size());
+    }
+    Canvas canvas(16, 16);
+    draw_lines(canvas, points, offset, 1);
+    std::sort(layers.begin(), layers.end(), [](const Layer& a, const Layer& b) { return a.depth < b.depth; });
+    Vector3f sum = Vector3f::Zero();
+    float clear = 1;
+    for (const Layer& layer : layers) {
+      sum += clear * layer.alpha * layer.color;
+      clear *= 1 - layer.alpha;
+    }
+    // What shows through less than 2/1000 is not looked at.
+    CHECK((canvas.image.at(8, 8).head<3>() - sum).cwiseAbs().maxCoeff() < 2.1e-3f);
+  }
+}
+
+TEST_CASE("lines that cross in depth are blended in their own order in each pixel") {
+  const Vector3f red(1, 0, 0), green(0, 1, 0);
+  // Red is nearer at the left, green at the right; many more behind both close the pixels.
+  std::vector<LinePoint> points = {point(1, 8.5f, 1, 1, red), point(31, 8.5f, 1, 3, red), point(1, 8.5f, 1, 3, green),
+                                   point(31, 8.5f, 1, 1, green)};
+  std::vector<std::uint64_t> offset = {0, 2, 4};
+  for (int k = 0; k < 30; ++k) {
+    points.push_back(point(1, 8.5f, 1, 4, {0, 0, 1}));
+    points.push_back(point(31, 8.5f, 1, 4, {0, 0, 1}));
+    offset.push_back(points.size());
+  }
+  Canvas canvas(32, 16);
+  draw_lines(canvas, points, offset, 1);
+  CHECK(canvas.image.at(4, 8).isApprox(Vector4f(1, 0, 0, 1), 1e-5f));
+  CHECK(canvas.image.at(27, 8).isApprox(Vector4f(0, 1, 0, 1), 1e-5f));
+}
+
 TEST_CASE("segments that cannot be drawn are left out, the others of their line are not") {
   constexpr float nan = std::numeric_limits<float>::quiet_NaN();
   for (const LinePoint& bad : {point(nan, 8, 1), point(1e30f, 8, 1), point(8, -1e6f, 1), point(8, 8, nan),
@@ -262,6 +327,62 @@ TEST_CASE("the framed box is inside the picture and its margin, and touches it")
   }
 }
 
+TEST_CASE("a camera with a place of its own projects known points to known pixels") {
+  const Camera camera(Vector3f(3, 1, 2), Vector3f(3, 1, 0), 90, 300, 200);
+  CHECK(camera.project({3, 1, 0}).isApprox(Vector3f(150, 100, 2), 1e-5f));
+  CHECK(camera.project({4, 1, 1}).isApprox(Vector3f(250, 100, 1), 1e-5f));
+  CHECK(camera.project({3, 2, 0}).isApprox(Vector3f(150, 50, 2), 1e-5f));
+  const Camera from_x(Vector3f(5, 0, 0), Vector3f(0, 0, 0), 90, 200, 200);  // -Z is at the right
+  CHECK(from_x.project({4, 0, -1}).isApprox(Vector3f(200, 100, 1), 1e-5f));
+  const Camera above(Vector3f(0, 2, 0), Vector3f(0, 0, 0), 90, 200, 200);  // -Z is at the top
+  CHECK(above.project({0, 0, -1}).isApprox(Vector3f(100, 50, 2), 1e-5f));
+  CHECK(Camera(Vector3f(1, 1, 1), Vector3f(1, 1, 1), 90, 200, 200)
+            .project({1, 1, 0})
+            .isApprox(Vector3f(100, 100, 1), 1e-5f));
+  const Camera moved = camera.moved({0, 0, 7});
+  CHECK(moved.project({3, 2, 7}).isApprox(camera.project({3, 2, 0}), 1e-5f));
+}
+
+TEST_CASE("everything that was added is in the picture, and something touches each pair of sides") {
+  Random random;
+  for (int trial = 0; trial < 50; ++trial) {
+    View view;
+    view.azimuth_deg = random(-180, 180);
+    view.elevation_deg = random(-80, 80);
+    view.fov_deg = random(10, 100);
+    view.margin = random(0, 0.2f);
+    const int width = 320, height = 200;
+    std::vector<Vector3f> points;
+    const Vector3f size(random(0.1f, 2), random(0.1f, 2), random(0.1f, 2));
+    for (int k = 0; k < 40; ++k)
+      points.push_back(size.cwiseProduct(Vector3f(random(-1, 1), random(-1, 1), random(-1, 1))));
+    const Vector3f shift(random(-9, 9), 0, random(-9, 9)), center(random(-2, 2), random(-2, 2), random(-2, 2));
+    const float radius = random(0.1f, 1);
+    std::vector<Vector3f> moved;
+    for (const Vector3f& p : points) moved.push_back(p + shift);
+    Framing framing(view, width, height);
+    framing.add(moved, shift);
+    framing.add(center, radius * Eigen::Matrix3f::Identity());
+    const Camera camera(framing);
+    // Of the sphere many points stand for all.
+    for (int k = 0; k < 20000; ++k) {
+      const Vector3f out(random(-1, 1), random(-1, 1), random(-1, 1));
+      if (out.norm() > 0.1f) points.emplace_back(center + radius * out.normalized());
+    }
+    float free_x = 1e9f, free_y = 1e9f;
+    for (const Vector3f& p : points) {
+      const Vector3f seen = camera.project(p);
+      CHECK(seen.z() > camera.near_depth());
+      free_x = std::min(free_x, width / 2.0f - std::abs(seen.x() - width / 2.0f) - view.margin * width);
+      free_y = std::min(free_y, height / 2.0f - std::abs(seen.y() - height / 2.0f) - view.margin * height);
+    }
+    // 20,000 points miss the outermost of the sphere by a pixel at most; places in float by a hundredth.
+    CHECK(free_x > -1e-2f);
+    CHECK(free_y > -1e-2f);
+    CHECK(std::min(free_x, free_y) < 1);
+  }
+}
+
 TEST_CASE("bounds leave out what flew away, and nothing else") {
   const TestGroom groom(300, 8);
   Eigen::AlignedBox3f all;
@@ -277,6 +398,27 @@ TEST_CASE("bounds leave out what flew away, and nothing else") {
   CHECK(robust_bounds({}).isEmpty());
 }
 
+TEST_CASE("values are seen in the colours of their scale") {
+  // A wide strand across the picture, with 0 at one end and 1 at the other.
+  const std::vector<Vector3f> line = {{-0.1f, 0, 0}, {0, 0, 0}, {0.1f, 0, 0}};
+  const std::vector<std::uint64_t> offset = {0, 3};
+  const std::vector<float> value = {0, 0.5f, 1};
+  const Camera camera(Vector3f(0, 0, 0.5f), Vector3f(0, 0, 0), 30, 300, 200);
+  DrawOptions options;
+  options.strand_width = 0.05f;
+  const Image image = draw_strands({line, offset, {}, {}, value}, camera, options);
+  const Vector4f low = image.at(80, 100), middle = image.at(150, 100), high = image.at(220, 100);
+  CHECK((low.z() > low.x() && low.z() > low.y()));              // blue
+  CHECK((middle.y() > middle.x() && middle.y() > middle.z()));  // green
+  CHECK((high.x() > 2 * high.y() && high.x() > 2 * high.z()));  // red
+  CHECK_THROWS_AS(draw_strands({line, offset, {}, {}, std::span(value).first(2)}, camera, options),
+                  std::invalid_argument);
+  for (const float beyond :
+       {1.0f, 7.0f, std::numeric_limits<float>::infinity(), std::numeric_limits<float>::quiet_NaN()})
+    CHECK(scale_color(beyond) == scale_color(1));
+  CHECK(scale_color(-1) == scale_color(0));
+}
+
 TEST_CASE("strands that are not finite are skipped and the others drawn as if alone") {
   TestGroom groom(60, 6);
   TestGroom torn = groom;
@@ -285,7 +427,7 @@ TEST_CASE("strands that are not finite are skipped and the others drawn as if al
   groom.offset.pop_back();
   groom.region.pop_back();
   const View view;
-  const Camera camera(frame_bounds(groom.view(), view.axes()), view, 120, 120);
+  const Camera camera = frame(groom.view(), view, 120, 120);
   DrawOptions options;
   options.strand_width = 0.002f;
   groom.position.resize(groom.offset.back());
@@ -305,26 +447,26 @@ TEST_CASE("no strand, one strand, and strands without size make a picture") {
 
   const std::vector<std::uint64_t> offset = {0, 2};
   const std::vector<Vector3f> line = {{0, 1, 0}, {0, 1.2f, 0}};
-  const Image one = draw({line, offset, {}, {}});
+  const Image one = draw({line, offset, {}, {}, {}});
   CHECK(all_finite(one));
   CHECK_FALSE(same(one, empty));
 
   const std::vector<Vector3f> heap(2, Vector3f(3, 2, 1));
-  CHECK(all_finite(draw({heap, offset, {}, {}})));
+  CHECK(all_finite(draw({heap, offset, {}, {}, {}})));
   const std::vector<std::uint64_t> short_strands = {0, 0, 1, 2};
-  CHECK(all_finite(draw({heap, short_strands, {}, {}})));
+  CHECK(all_finite(draw({heap, short_strands, {}, {}, {}})));
 
   const std::vector<Vector3f> huge = {{-3e38f, 0, 0}, {3e38f, 3e38f, 0}};
-  CHECK(all_finite(draw({huge, offset, {}, {}})));
+  CHECK(all_finite(draw({huge, offset, {}, {}, {}})));
 }
 
 TEST_CASE("spans that contradict each other are refused") {
   const std::vector<Vector3f> position(4, Vector3f::Zero());
   const std::vector<std::uint64_t> beyond = {0, 5}, backwards = {0, 3, 2}, good = {0, 2, 4};
   const std::vector<std::uint32_t> three_regions = {0, 0, 0};
-  CHECK_THROWS_AS(draw({position, beyond, {}, {}}), std::invalid_argument);
-  CHECK_THROWS_AS(draw({position, backwards, {}, {}}), std::invalid_argument);
-  CHECK_THROWS_AS(draw({position, good, three_regions, {}}), std::invalid_argument);
+  CHECK_THROWS_AS(draw({position, beyond, {}, {}, {}}), std::invalid_argument);
+  CHECK_THROWS_AS(draw({position, backwards, {}, {}, {}}), std::invalid_argument);
+  CHECK_THROWS_AS(draw({position, good, three_regions, {}, {}}), std::invalid_argument);
   CHECK_THROWS_AS(Camera(Eigen::AlignedBox3f(), View(), 0, 10), std::invalid_argument);
 }
 
@@ -491,6 +633,96 @@ TEST_CASE("text can hang over every edge of a picture, and what the font lacks b
   CHECK(text_width("11", 24) == Approx(2 * text_width("11", 12)));
 }
 
+TEST_CASE("a legend is as wide as it says, and stands where there is room for it") {
+  Legend legend;
+  legend.title = "region";
+  legend.entries = {{"top", region_color(0)}, {"tail", region_color(1)}};
+  const Image black(400, 30, Vector4f(0, 0, 0, 1));
+  Image image = black;
+  draw_legend(image, legend, 50, 10, 10);
+  const int width = static_cast<int>(std::ceil(legend_width(legend, 10)));
+  CHECK(ink(image, black, 0, 0, 48, 30) == 0);
+  CHECK(ink(image, black, 50 + width + 2, 0, 400 - 52 - width, 30) == 0);
+  CHECK(ink(image, black, 50 + width - 10, 0, 12, 30) > 1);
+
+  const std::vector<SheetTile> tiles = {{Image(200, 50), 1}};
+  SheetOptions options;
+  options.title = "a.h5";
+  const int title_alone = make_contact_sheet(tiles, options).height;
+  options.legend = legend;
+  CHECK(make_contact_sheet(tiles, options).height == title_alone);
+  options.title = "a name that leaves no room";
+  CHECK(make_contact_sheet(tiles, options).height > title_alone);
+  Legend scale;
+  scale.low = "0";
+  scale.high = "5 %";
+  CHECK(legend_width(scale, 10) > 90);
+}
+
+TEST_CASE("a palette keeps few colours as they are, and mixes others from near ones") {
+  std::vector<std::uint8_t> few;
+  for (int k = 0; k < 6 * 6 * 6; ++k) {
+    for (const int part : {k % 6 * 50, k / 6 % 6 * 50, k / 36 * 50}) few.push_back(static_cast<std::uint8_t>(part));
+  }
+  Palette exact(few);
+  for (std::size_t p = 0; p < few.size(); p += 3) {
+    const Rgb8 color = {few[p], few[p + 1], few[p + 2]};
+    CHECK(exact.colors()[exact.index(color, static_cast<int>(p), 3)] == color);
+  }
+  // A ramp of greys, then a grey between two of four colours.
+  std::vector<std::uint8_t> two;
+  for (int k = 0; k < 3 * 100; ++k) two.push_back(k < 150 ? 100 : 140);
+  Palette palette(two);
+  double sum = 0;
+  for (int y = 0; y < 4; ++y) {
+    for (int x = 0; x < 4; ++x) sum += palette.colors()[palette.index({120, 120, 120}, x, y)][1];
+  }
+  CHECK(sum / 16 == Approx(120).margin(3));  // one pixel of 16 is 2.5
+  CHECK(palette.index({120, 120, 120}, 1, 2) == palette.index({120, 120, 120}, 5, 6));
+}
+
+TEST_CASE("a file that is not finished leaves nothing behind") {
+  const Folder folder;
+  {
+    PartFile file(folder.path / "a.txt");
+    file.write("half of it");
+    CHECK(folder.entries() == 1);
+  }
+  CHECK(folder.entries() == 0);
+  const std::vector<std::uint8_t> rgb(3 * 32 * 32, 99);
+  { make_gif(folder.path / "a.gif", 32, 32, 24, rgb)->add(rgb); }
+  CHECK(folder.entries() == 0);
+  const auto gif = make_gif(folder.path / "a.gif", 32, 32, 24, rgb);
+  gif->add(rgb);
+  gif->add(rgb);
+  CHECK_THROWS_AS(gif->add(std::span(rgb).first(9)), std::invalid_argument);
+  gif->finish();
+  CHECK(folder.entries() == 1);
+  CHECK_THROWS_AS(make_gif(folder.path / "none" / "a.gif", 32, 32, 24, rgb), DiskError);
+  CHECK_THROWS_AS(make_gif(folder.path / "b.gif", 0, 32, 24, rgb), std::invalid_argument);
+  CHECK_THROWS_AS(make_mp4(folder.path / "b.mp4", 33, 32, 24), std::invalid_argument);
+  CHECK(folder.entries() == 1);
+}
+
+TEST_CASE("a GIF that meets a full disk says so") {
+  if (!std::filesystem::exists("/dev/full")) {
+    WARN("skipped: there is no /dev/full here");
+    return;
+  }
+  const Folder folder;
+  std::filesystem::create_symlink("/dev/full", folder.part("a.gif"));
+  std::vector<std::uint8_t> noise(std::size_t{3} * 256 * 256);
+  Random random;
+  for (std::uint8_t& byte : noise) byte = static_cast<std::uint8_t>(random(0, 256));
+  const auto write = [&] {
+    const auto gif = make_gif(folder.path / "a.gif", 256, 256, 24, noise);
+    gif->add(noise);
+    gif->finish();
+  };
+  CHECK_THROWS_WITH(write(), Catch::Contains("a.gif: cannot write the file"));
+  CHECK(folder.entries() == 0);
+}
+
 TEST_CASE("a PNG decodes to the pixels that were written, and twice to the same bytes") {
   const Folder folder;
   Image image(33, 17);
@@ -538,7 +770,7 @@ TEST_CASE("a PNG that meets a full disk says so") {
     return;
   }
   const Folder folder;
-  std::filesystem::create_symlink("/dev/full", folder.path / "a.png.part");
+  std::filesystem::create_symlink("/dev/full", folder.part("a.png"));
   CHECK_THROWS_WITH(write_png(Image(64, 64), folder.path / "a.png"), Catch::Contains("cannot write the file"));
   CHECK(folder.entries() == 0);
 }

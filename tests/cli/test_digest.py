@@ -140,6 +140,7 @@ def test_a_digest_writes_over_nothing_and_says_where_it_cannot_write(shot, golde
     assert_one_error(shot.run("digest", "golden.h5", "-o", "old"), DISK, "old", "--force")
     assert (shot / "old").read_text() == "old"
     assert shot.run("digest", "golden.h5", "-o", "old", "--force").code == GOOD
+    assert_one_error(shot.run("digest", "golden.h5", "-o", "golden.h5", "--force"), DISK, "golden.h5", "is the file that is read")
     assert_one_error(shot.run("digest", "golden.h5", "-o", "none/new"), DISK, "none/new", "cannot be written")
     assert_one_error(shot.run("digest", "golden.h5", "-o", "/dev/full", "--force"), DISK, "/dev/full")
 

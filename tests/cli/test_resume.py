@@ -250,6 +250,10 @@ def test_another_scene_input_or_version_is_refused_with_the_reason(scene):
     assert_refused(scene, 'bake.frames was "1-24", and is "1-30" now', "--set", "bake.frames=1-30")
     assert_refused(scene, "it holds frames 1 to ", "--frames", "2-24")
     assert_refused(scene, "it holds frames 1 to ", "--frames", "1-3")
+    part = (scene / "out.h5.part").read_bytes()
+    shutil.copy(scene / "whole.h5", scene / "out.h5.part")  # killed before it was renamed
+    assert_refused(scene, "it holds frames 1 to 24", "--frames", "1-3")
+    (scene / "out.h5.part").write_bytes(part)
     (scene / "scene.toml").write_text(SCENE + "# a remark\n")
     assert_refused(scene, "the text of the scene was another")
     (scene / "scene.toml").write_text(SCENE)

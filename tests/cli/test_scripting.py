@@ -1,6 +1,7 @@
 """What scripts and shells rely on: --json and its schemas, completion, the manual page."""
 
 import functools
+import gzip
 import json
 import os
 import pathlib
@@ -113,6 +114,9 @@ def test_what_the_program_prints_is_what_its_schemas_say(shot):
 
     drawn = validated("preview", shot.run("preview", "out.h5", "-o", "out.png", "--count", "2", "--json").out)[0]
     assert drawn["output"] == "out.png" and drawn["frames"] == [1, 4]
+    page = validated("view", shot.run("view", "out.h5", "-o", "out.html", "--every", "2", "--json").out)[0]
+    assert (page["output"], page["strands"], page["all_strands"], page["frames"]) == ("out.html", 5, 5, [1, 3])
+    assert page["bytes"] == (shot / "out.html").stat().st_size
     made = validated("groom", shot.run("groom", "--from", "a.hair", "-o", "b.hair", "--json").out)[0]
     assert made == {"schema": "urn:strandbake:groom:1", "output": "b.hair", "strands": 5, "vertices": 30, "warnings": []}
 
@@ -298,6 +302,6 @@ def test_a_completion_is_good_syntax(shot, shell):
 
 def test_the_build_made_the_page_and_the_completions(shot):
     folder = pathlib.Path(PROGRAM).parent / "generated"
-    assert (folder / "strandbake.1").read_text() == shot.run("docs", "--man").out
+    assert gzip.decompress((folder / "strandbake.1.gz").read_bytes()).decode() == shot.run("docs", "--man").out
     for name, shell in (("strandbake.bash", "bash"), ("_strandbake", "zsh"), ("strandbake.fish", "fish")):
         assert (folder / name).read_text() == shot.run("docs", "--completion", shell).out

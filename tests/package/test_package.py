@@ -1,5 +1,6 @@
 """Packages of a finished build: they are unpacked somewhere else, and what is in them is used."""
 
+import gzip
 import os
 import pathlib
 import re
@@ -89,7 +90,7 @@ def test_the_python_package_comes_along(prefix, tmp_path):
 
 
 def test_manual_completions_documents_and_licence_are_where_they_are_looked_for(prefix):
-    assert (prefix / "share/man/man1/strandbake.1").read_text().startswith(".TH STRANDBAKE 1")
+    assert gzip.decompress((prefix / "share/man/man1/strandbake.1.gz").read_bytes()).startswith(b".TH STRANDBAKE 1")
     assert "complete -F" in (prefix / "share/bash-completion/completions/strandbake").read_text()
     assert "complete -c" in (prefix / "share/fish/vendor_completions.d/strandbake.fish").read_text()
     for folder in ("site-functions", "vendor-completions"):
@@ -114,7 +115,7 @@ def test_debian_packages_name_what_they_need(packages):
         name, depends = run("dpkg-deb", "-f", file, "Package", "Depends").strip().split("\n")
         found[name.removeprefix("Package: ")] = set(re.findall(r"([a-z0-9.+-]+)(?: \(|,|$)", depends.removeprefix("Depends: ")))
     assert set(found) == {"strandbake", "libstrandbake-dev", "python3-strandcache"}
-    assert {"libassimp5", "libc6", "libfmt9", "libstdc++6"} <= found["strandbake"]
+    assert {"libassimp5", "libc6", "libfmt9", "libgif7", "libstdc++6"} <= found["strandbake"]
     assert "libhdf5-103-1" not in found["strandbake"] and "libgomp1" not in found["strandbake"]  # are parts of the program
     assert found["libstrandbake-dev"] == {"libeigen3-dev", "libgomp1"}
     assert found["python3-strandcache"] == {"python3", "python3-h5py", "python3-numpy"}

@@ -1,17 +1,16 @@
-"""info and preview: what is in a cache, in words and in pictures."""
+"""info: what is in a cache, in words."""
 
 import hashlib
 import json
 import os
 import re
 import shutil
-import struct
 import subprocess
 
 import h5py
 import numpy as np
 import pytest
-from conftest import DISK, GOOD, INPUT, SOURCE, USAGE, assert_one_error, read
+from conftest import GOOD, INPUT, SOURCE, assert_one_error, cut, read
 
 SCENE = '''[[region]]
 name = "left"
@@ -29,25 +28,6 @@ velocity = true
 @pytest.fixture
 def cache(shot):
     return shot.bake(scene=shot.scene(SCENE))
-
-
-def cut(cache, name, frames):
-    """The cache as a bake that ended early leaves it."""
-    with h5py.File(cache) as file, h5py.File(cache.with_name(name), "w") as part:
-        for key, value in file.attrs.items():
-            part.attrs[key] = value
-        for key in file:
-            file.copy(key, part)
-        part.attrs["complete"] = np.uint8(0)
-        for group in (part["frames"], part["stats"]):
-            for item in group.values():
-                item.resize(frames, axis=0)
-
-
-def png_size(path):
-    data = path.read_bytes()
-    assert data[:8] == b"\x89PNG\r\n\x1a\n" and data[-8:-4] == b"IEND"
-    return struct.unpack(">II", data[16:24])
 
 
 # info
@@ -116,7 +96,7 @@ def test_info_tells_an_unfinished_cache(shot, cache):
     assert json.loads(shot.run("info", "none.part", "--json").out)["frames"] == 0
 
 
-@pytest.mark.parametrize("verb", [["info"], ["preview", "-o", "out.png"]])
+@pytest.mark.parametrize("verb", [["info"], ["preview", "-o", "out.png"], ["view", "-o", "out.html"]])
 def test_what_is_no_cache_is_refused(shot, cache, verb):
     (shot / "cut.h5").write_bytes(cache.read_bytes()[:3000])
     (shot / "empty.h5").write_bytes(b"")
@@ -127,7 +107,7 @@ def test_what_is_no_cache_is_refused(shot, cache, verb):
         file.attrs["format_version"] = np.int32(99)
     for name in ("cut.h5", "empty.h5", "other.h5", "newer.h5", "a.hair", "none.h5", "."):
         assert_one_error(shot.run(*verb, name), INPUT, name)
-    assert not (shot / "out.png").exists()
+    assert not (shot / "out.png").exists() and not (shot / "out.html").exists()
 
 
 # Stock programs
@@ -151,50 +131,3 @@ def test_the_reader_of_the_page_of_the_cache_works(shot, cache):
         code = re.search(r"```python\n(.*?)```", text, re.S)[1].replace(f'"{name}"', repr(os.fspath(cache)))
         assert name not in code
         exec(compile(code.replace("[10]", "[2]"), page, "exec"), {})
-
-
-# preview
-
-
-def test_preview_draws_a_sheet_of_frames(shot, cache):
-    run = shot.run("preview", "out.h5", "-o", "out.png", "--tile", "48")
-    assert run.code == GOOD and run.err == "" and run.out == "out.png: 4 frames\n"
-    width, height = png_size(shot / "out.png")
-    assert width >= 96 and height >= 48
-    assert shot.files() == ["a.hair", "out.h5", "out.png", "scene.toml"]
-    again = shot.run("preview", "out.h5", "-o", "again.png", "--tile", "48")
-    assert again.code == GOOD
-    assert (shot / "again.png").read_bytes() == (shot / "out.png").read_bytes()
-
-
-def test_preview_chooses_frames(shot, cache):
-    for options, count in ((["--count", "2"], 2), (["--frames", "2-3"], 2), (["--frames", "4"], 1), (["--frames", "3-100"], 2)):
-        run = shot.run("preview", "out.h5", "-o", "out.png", "--tile", "32", "--force", *options)
-        assert run.code == GOOD and run.out.startswith(f"out.png: {count} frame")
-    assert_one_error(shot.run("preview", "out.h5", "-o", "new.png", "--frames", "7-9"), INPUT, "out.h5", "7-9")
-
-
-def test_preview_reads_an_unfinished_cache(shot, cache):
-    cut(cache, "out.h5.part", 2)
-    assert shot.run("preview", "out.h5.part", "-o", "out.png", "--tile", "32").out == "out.png: 2 frames\n"
-    cut(cache, "none.part", 0)
-    assert_one_error(shot.run("preview", "none.part", "-o", "none.png"), INPUT, "none.part", "no frame")
-
-
-def test_preview_takes_a_view(shot, cache):
-    pictures = set()
-    for options in ([], ["--azimuth", "120"], ["--elevation", "60"]):
-        assert shot.run("preview", "out.h5", "-o", "out.png", "--tile", "64", "--count", "1", "--force", *options).code == GOOD
-        pictures.add((shot / "out.png").read_bytes())
-    assert len(pictures) == 3
-
-
-def test_preview_writes_over_nothing_and_says_where_it_cannot_write(shot, cache):
-    (shot / "old.png").write_text("old")
-    assert_one_error(shot.run("preview", "out.h5", "-o", "old.png"), DISK, "old.png", "--force")
-    assert (shot / "old.png").read_text() == "old"
-    assert_one_error(shot.run("preview", "out.h5", "-o", "none/out.png", "--tile", "32"), DISK, "none/out.png")
-    assert shot.run("preview", "out.h5").code == shot.run("preview", "-o", "new.png").code == USAGE
-    for option, value in (("--tile", "3"), ("--frames", "x"), ("--frames", "3-1"), ("--count", "0"), ("--elevation", "100")):
-        assert shot.run("preview", "out.h5", "-o", "new.png", option, value).code == USAGE
-    assert not (shot / "new.png").exists()

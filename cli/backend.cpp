@@ -25,8 +25,8 @@ void BackendOptions::add_to(CLI::App& app) {
       ->type_name("N")
       ->check(CLI::NonNegativeNumber);
   app.add_option("--mapping", mapping,
-                 "What a work-item does, with opencl. strands: a strand per work-item (methods 1 to 3). vertices: a "
-                 "vertex per work-item "
+                 "What a work-item does, with opencl. strands: a strand per work-item (methods 1 to 3 and rods). "
+                 "vertices: a vertex per work-item "
                  "(methods 2 to 4). auto: by method and number of strands. The cache does not depend on it")
       ->check(CLI::IsMember({"auto", "strands", "vertices"}));
   app.add_option("--device-memory", device_memory,

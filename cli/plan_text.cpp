@@ -11,7 +11,14 @@
 namespace strandbake {
 namespace {
 
+std::string rod(const RegionPlan& plan, const RegionParams& p) {
+  if (!plan.rod) return "skipped, method = \"shape\"";
+  return fmt::format("runs, {} iteration{}, {}", p.rod.iterations, p.rod.iterations == 1 ? "" : "s",
+                     p.rod.exact_lengths ? "lengths are exact" : "hair stretches as Young's modulus has it");
+}
+
 std::string local_shape(const RegionPlan& plan, const RegionParams& p) {
+  if (plan.rod) return "skipped, method = \"rod\"";
   if (plan.local_shape) return fmt::format("runs, method {}, {} iterations", p.local.method, p.local.iterations);
   return p.local.iterations == 0 ? "skipped, iterations = 0" : "skipped, stiffness = 0 in every frame";
 }
@@ -22,6 +29,7 @@ std::string global_shape(const RegionPlan& plan, const RegionParams& p) {
 }
 
 std::string edge_lengths(const RegionPlan& plan, const RegionParams& p) {
+  if (plan.rod) return "skipped, method = \"rod\"";
   if (plan.direct_lengths) return "runs, directly";
   return plan.edge_lengths ? fmt::format("runs, {} iterations", p.lengths.iterations) : "skipped, iterations = 0";
 }
@@ -99,6 +107,7 @@ std::string describe_plan(const Shot& shot, std::pair<int, int> written, const B
     }
     line("wind", wind(shot.plan.regions[r], params[r]));
     line("global shape", global_shape(shot.plan.regions[r], params[r]));
+    line("rod", rod(shot.plan.regions[r], params[r]));
     line("local shape", local_shape(shot.plan.regions[r], params[r]));
     line("edge lengths", edge_lengths(shot.plan.regions[r], params[r]));
     if (backend.device) {
@@ -140,6 +149,7 @@ nlohmann::ordered_json plan_json(const Shot& shot, std::pair<int, int> written, 
     if (plan.simulated) {
       add("wind", plan.wind, wind(plan, params[r]));
       add("global shape", plan.global_shape, global_shape(plan, params[r]));
+      add("rod", plan.rod, rod(plan, params[r]));
       add("local shape", plan.local_shape, local_shape(plan, params[r]));
       add("edge lengths", plan.direct_lengths || plan.edge_lengths, edge_lengths(plan, params[r]));
     }

@@ -15,6 +15,7 @@
 #include <tuple>
 #include <type_traits>
 
+#include "formats/hair_presets.h"
 #include "formats/quality.h"
 #include "formats/scene_overrides.h"
 #include "formats/scene_words.h"
@@ -207,16 +208,22 @@ Curves* curves_of(RegionScene& region) {
 class TableReader {
  public:
   // `curves` take key frames under names that begin with `prefix`.
-  TableReader(Reading& reading, const TomlNode& table, std::string path, Curves* curves, std::string prefix)
-      : reading_(reading), table_(table), path_(std::move(path)), curves_(curves), prefix_(std::move(prefix)) {}
+  TableReader(Reading& reading, const TomlNode& table, Names names, std::string path, Curves* curves,
+              std::string prefix)
+      : reading_(reading),
+        table_(table),
+        names_(std::move(names)),
+        path_(std::move(path)),
+        curves_(curves),
+        prefix_(std::move(prefix)) {}
 
   template <class T>
   static void read(Reading& reading, const TomlNode& table, const std::string& path, T& target, Curves* curves,
                    const std::string& prefix) {
     Curves* own = curves_of(target);
-    TableReader reader(reading, table, path, own ? own : curves, own ? std::string() : prefix);
+    TableReader reader(reading, table, names_of(T{}), path, own ? own : curves, own ? std::string() : prefix);
     fields(reader, target);
-    reader.refuse_unknown(names_of(T{}));
+    reader.refuse_unknown();
   }
 
   void operator()(const char* name, double& field, const Range& range, const char* unit, const char*) {
@@ -288,8 +295,10 @@ class TableReader {
     const std::string path = join(path_, name);
     const std::vector<std::string> choices(allowed.choices.begin(), allowed.choices.end());
     if (node->kind != Kind::Text && !node->bare) {
+      const auto inside = nested_name(name);
       refuse_type(*node, path, in_quotes(path), choices.empty() ? "a text" : listed(choices),
-                  fmt::format("{} = {}", name, toml_text(field.empty() ? "..." : field)));
+                  fmt::format("{} = {}{}", name, toml_text(field.empty() ? "..." : field),
+                              inside ? fmt::format("; did you mean {}?", in_quotes(*inside)) : ""));
       return;
     }
     const std::string& text = node->kind == Kind::Text ? node->text : *node->bare;
@@ -549,19 +558,24 @@ class TableReader {
     return frame;
   }
 
-  void refuse_unknown(const Names& names) {
+  // "local.method" for "method", in a table that has it.
+  std::optional<std::string> nested_name(const std::string& name) const {
+    for (const std::string& dotted : names_.nested) {
+      if (dotted.substr(dotted.rfind('.') + 1) == name) return dotted;
+    }
+    return std::nullopt;
+  }
+
+  void refuse_unknown() {
     for (const TomlNode& child : table_.children) {
-      if (std::find(names.keys.begin(), names.keys.end(), child.key) != names.keys.end()) continue;
+      if (std::find(names_.keys.begin(), names_.keys.end(), child.key) != names_.keys.end()) continue;
       std::string hint;
-      const auto inside = std::find_if(names.nested.begin(), names.nested.end(), [&](const std::string& dotted) {
-        return dotted.substr(dotted.rfind('.') + 1) == child.key;
-      });
-      if (const auto slip = closest(child.key, names.keys)) {
+      if (const auto slip = closest(child.key, names_.keys)) {
         hint = ", did you mean " + in_quotes(*slip) + "?";
-      } else if (inside != names.nested.end()) {
+      } else if (const auto inside = nested_name(child.key)) {
         hint = ", did you mean " + in_quotes(*inside) + "?";
       } else {
-        hint = fmt::format(", {} can have {}", path_.empty() ? "a scene" : in_quotes(path_), listed(names.keys));
+        hint = fmt::format(", {} can have {}", path_.empty() ? "a scene" : in_quotes(path_), listed(names_.keys));
       }
       reading_.add(child.key_origin, "", in_quotes(child.key) + ": unknown key" + hint);
     }
@@ -569,6 +583,7 @@ class TableReader {
 
   Reading& reading_;
   const TomlNode& table_;
+  Names names_;
   std::string path_;
   Curves* curves_;
   std::string prefix_;
@@ -832,6 +847,21 @@ void apply_quality(Scene& scene, const Reading& reading) {
   }
 }
 
+void apply_hair(Scene& scene, const Reading& reading) {
+  for (std::size_t r = 0; r < scene.regions.size(); ++r) {
+    RodParams& rod = scene.regions[r].params.base.rod;
+    const auto set = [&](const char* name, double& field, double value) {
+      if (!reading.is_written(join(join(index_path("region", r), "rod"), name))) field = value;
+    };
+    for (const HairPreset& hair : kHairPresets) {
+      if (scene.regions[r].hair != hair.name) continue;
+      set("young", rod.young, hair.young);
+      set("radius", rod.radius, hair.radius);
+      set("density", rod.density, hair.density);
+    }
+  }
+}
+
 std::string read_text(const std::filesystem::path& path) {
   std::error_code ignored;
   if (std::filesystem::is_directory(path, ignored)) {
@@ -873,6 +903,7 @@ Scene parse_scene(const std::string& text, const std::string& name, const std::v
   }
   if (scene.regions.empty()) scene.regions.emplace_back().name = "hair";
   apply_quality(scene, reading);
+  apply_hair(scene, reading);
   reading.report(faults);
   return scene;
 }

@@ -179,12 +179,16 @@ void fields(V& v, CacheParams& p) {
 struct RegionScene {
   std::string name;
   StrandSelection strands;
+  std::string hair = "medium";
   Animated<RegionParams> params;
 };
 template <class V>
 void fields(V& v, RegionScene& r) {
   v("name", r.name, any_text(), "", "Required: a name of its own, for messages, overrides and the cache.");
   v("strands", r.strands, "The strands that the region takes; left out: all that no other region takes.");
+  v("hair", r.hair, one_of({"fine", "medium", "coarse", "wet"}), "",
+    "Human hair, for a rod: a preset for what the scene leaves open of rod.young (4e9; wet 1.6e9), rod.radius (25e-6, "
+    "35e-6, 45e-6; wet 40e-6) and rod.density (1300; wet 1280).");
   fields(v, r.params.base);
 }
 

@@ -130,11 +130,20 @@ class Implementation final : public OpenCLSolver {
   void run_batches(cl_uint substeps);
   template <class Out>
   void read_as(std::span<Out> out) const;
-  // Regions whose blocks hold scratch: work-items by vertices have theirs in the memory that a group shares.
-  std::vector<bool> scratch() const {
-    std::vector<bool> regions;
-    for (const Mapping mapping : mapping_) regions.push_back(mapping == Mapping::Strands);
-    return regions;
+  // What blocks hold of a vertex, by region: work-items by vertices have theirs in the memory that a group shares.
+  std::vector<std::size_t> scratch() const {
+    std::vector<std::size_t> numbers;
+    for (std::size_t r = 0; r < mapping_.size(); ++r) {
+      const RegionPlan& region = plan_.regions[r];
+      std::size_t of_vertex = 0;
+      if (region.rod) {
+        of_vertex = region.rod_stretch > 0 ? kRodStretchRow : kRodExactRow;
+      } else if (region.direct_lengths && mapping_[r] == Mapping::Strands) {
+        of_vertex = kLengthRow;
+      }
+      numbers.push_back(of_vertex);
+    }
+    return numbers;
   }
   void fetch_state(LargeArray<Scalar>& home) const;
   void run_frame(const FrameInput& input, std::span<Eigen::Vector3f> out, Figures* figures, const Alongside& alongside);
@@ -255,13 +264,15 @@ std::string Implementation<Scalar>::build_options(bool any_masked, bool any_ride
   define(any_masked, "HAS_MASKED");
   define(any_rides, "HAS_RIDES");
   define(any([](const RegionPlan& r) { return r.wind; }), "HAS_WIND");
-  define(any([](const RegionPlan& r) { return r.sag_free; }), "HAS_SUPPORT");
+  define(any([](const RegionPlan& r) { return r.sag_free && !r.rod; }), "HAS_SUPPORT");
   define(any([](const RegionPlan& r) { return r.global_shape; }), "HAS_GLOBAL_SHAPE");
   define(any([](const RegionPlan& r) { return r.local_shape; }), "HAS_LOCAL_SHAPE");
   define(any([](const RegionPlan& r) { return r.local_shape && r.reacts; }), "HAS_REACTION");
   define(!any([](const RegionPlan& r) { return r.local_shape && !r.reacts; }), "ALL_REACT");
   define(any([](const RegionPlan& r) { return r.edge_lengths && !r.direct_lengths; }), "HAS_EDGE_LENGTHS");
   define(any_direct_lengths(), "HAS_DIRECT_LENGTHS");
+  define(any([](const RegionPlan& r) { return r.rod; }), "HAS_ROD");
+  define(any([](const RegionPlan& r) { return r.rod_stretch > 0; }), "HAS_ROD_STRETCH");
   define(plan_.colliders, "HAS_SPHERES");
   define(plan_.measured, "HAS_FIGURES");
   int method = 0;  // that all regions with a strand per work-item agree on, -1: they do not
@@ -356,6 +367,9 @@ void Implementation<Scalar>::make_batch(Batch& batch, const Groom& groom) {
     row.support = place(block.support);
     row.length = place(block.length);
     row.tension = place(block.tension);
+    row.rest_curvature = place(block.rest_curvature);
+    row.drawn = place(block.drawn);
+    row.handed_back = place(block.handed_back);
     row.fade = place(block.fade);
     row.free = place(block.free);
     row.active = place(block.active);
@@ -670,6 +684,9 @@ void Implementation<Scalar>::start(const FrameInput& input) {
     reals[kGlobalStiffness] = step.global_stiffness;
     reals[kStepRatio2] = step.step_ratio2;
     reals[kLocalStiffness] = step.local_stiffness;
+    reals[kRodBendH2] = step.rod_bend_h2;
+    reals[kRodTwistH2] = step.rod_twist_h2;
+    reals[kRodStretchH2] = step.rod_stretch_h2;
     region_reals.insert(region_reals.end(), std::begin(reals), std::end(reals));
     cl_int ints[kRegionInts];
     ints[kSupported] = step.supported;
@@ -681,6 +698,8 @@ void Implementation<Scalar>::start(const FrameInput& input) {
     ints[kReacts] = step.reacts;
     ints[kDirectLengths] = step.direct_lengths;
     ints[kLengthIterations] = step.length_iterations;
+    ints[kRod] = step.rod;
+    ints[kRodIterations] = step.rod_iterations;
     region_ints.insert(region_ints.end(), std::begin(ints), std::end(ints));
   }
   const FrameSteps<Scalar> steps = frame_steps<Scalar>(input, *origin_);
@@ -945,6 +964,7 @@ void Implementation<Scalar>::read_as(std::span<Out> out) const {
 }  // namespace
 
 Mapping mapping_of(const RegionPlan& region, Mapping asked, std::size_t strands) {
+  if (region.rod) return Mapping::Strands;
   if (region.local_shape && region.local_method == 4) return Mapping::Vertices;
   if (region.local_shape && region.local_method == 1) return Mapping::Strands;
   if (asked != Mapping::Auto) return asked;

@@ -13,7 +13,8 @@
 
 namespace strandbake {
 
-// How strands are spread over work-items. Method 1 needs Strands and method 4 Vertices, whatever is asked for.
+// How strands are spread over work-items. Method 1 and the rod need Strands and method 4 Vertices,
+// whatever is asked for.
 enum class Mapping {
   Auto,      // by method and number of strands
   Strands,   // a strand per work-item

@@ -7,6 +7,7 @@
 #include <functional>
 #include <numbers>
 #include <random>
+#include <string>
 #include <vector>
 
 #include "sim/gusts.h"
@@ -44,6 +45,19 @@ class Random {
  private:
   std::mt19937 engine_;
 };
+
+// ---- methods ----
+
+// The local methods by their number, and the rod after them.
+constexpr int kRod = 5;
+
+inline void set_method(RegionParams& region, int method) {
+  region.method = method == kRod ? "rod" : "shape";
+  if (method != kRod) region.local.method = method;
+}
+inline std::string name_of_method(int method) {
+  return method == kRod ? "rod" : std::to_string(method);
+}
 
 // ---- strands ----
 

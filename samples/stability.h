@@ -19,7 +19,7 @@ constexpr int kNever = -1;
 
 inline Case with_method(const Case& c, int method, const LengthParams& lengths) {
   const auto set = [method, lengths](RegionParams region) {
-    region.local.method = method;
+    set_method(region, method);
     region.lengths = lengths;
     return region;
   };

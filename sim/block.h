@@ -30,13 +30,16 @@ struct Block {
   Scalar* support;  // [vertices] vectors: c of support.h (methods 1, 2 and 4, sag-free)
   Scalar* length;   // [vertices]: L of the segment that ends at a vertex (where held or measured, or a reaction asks)
   Scalar* tension;  // [vertices] (direct lengths): T of that segment, as the last substep has found it
-  Scalar* fade;     // [global_end]: w of the global shape
-  Scalar* free;     // [vertices] if masked: 1 free, 0 pinned or padding
-  Scalar* active;   // [vertices] if masked: 1 where the segment that ends at a vertex exists
-  Scalar* swept;    // [vertices] if masked (direct or measured): 1 where no pinned vertex ends it or comes after
-  Scalar* elimination;  // [vertices] of two numbers, where asked for: direct lengths, what a substep works out
-  Scalar* wind_weight;  // [4]: blend of the four gusts
-  bool at_rest;         // the last substep changed not a bit, and neither would another with the same input
+  Scalar* rest_curvature;  // [vertices] vectors: kappa0 of the joint before the segment that ends at a vertex (rod)
+  Scalar* drawn;           // [vertices] vectors: A of rod_return.h, as the last substep has found it (rod)
+  Scalar* handed_back;     // [vertices] vectors: what the next substep gets back of it (rod)
+  Scalar* fade;            // [global_end]: w of the global shape
+  Scalar* free;            // [vertices] if masked: 1 free, 0 pinned or padding
+  Scalar* active;          // [vertices] if masked: 1 where the segment that ends at a vertex exists
+  Scalar* swept;           // [vertices] if masked (direct or measured): 1 where no pinned vertex ends it or comes after
+  Scalar* elimination;     // [vertices - 2] of as many numbers as are asked for: what a substep works out
+  Scalar* wind_weight;     // [4]: blend of the four gusts
+  bool at_rest;            // the last substep changed not a bit, and neither would another with the same input
 };
 
 // One moment at the end of a substep.
@@ -71,8 +74,15 @@ struct RegionStep {
   bool reacts;  // local constraints have a reaction
   bool direct_lengths;
   int length_iterations;  // 0 where direct
-  bool repeats;           // all of the above, but for what is kept of a velocity, is as it was in the last frame
+  bool rod;
+  Scalar rod_bend_h2, rod_twist_h2;  // B h^2 and C h^2 of rod_bend.h [m^4]
+  Scalar rod_stretch_h2;             // Y h^2 of rod_stretch.h [m^2]; 0: lengths are exact
+  int rod_iterations;
+  bool repeats;  // all of the above, but for what is kept of a velocity, is as it was in the last frame
 };
+
+// Numbers of a vertex in Workspace::rod.
+constexpr int kRodRow = 34;
 
 // What one thread needs beside the blocks, and what it counts.
 template <class Scalar>
@@ -86,6 +96,7 @@ struct Workspace {
   Scalar* old_frame_y;
   Scalar* old_tension;                // [vertices]: tension before a substep, where blocks have it
   Scalar* twist;                      // [vertices] of two numbers: method 4, from those to the frames
+  Scalar* rod;                        // [vertices] of kRodRow numbers, where a region is a rod: gains
   bool skip_colliders, skip_resting;  // see Skip
   WorkCount work;
 };

@@ -20,6 +20,8 @@
 
 #define STRANDBAKE_INLINE inline __attribute__((always_inline))
 
+#include "sim/rod_block.h"
+
 namespace strandbake {
 namespace {
 
@@ -105,13 +107,17 @@ struct BlockStep {
     return {vectors(block.frame_x)[i - 1], vectors(block.frame_y)[i - 1]};
   }
 
+  // Of the global shape, where it reaches.
+  STRANDBAKE_INLINE Real goal_stiffness(int i) const {
+    return stiffness_at_step(Real(region.global_stiffness) * reals(block.fade)[i], Real(region.step_ratio2));
+  }
+
   // `frame`: before vertex begin - 1, then before end - 1; the root's to begin with.
   STRANDBAKE_INLINE void integrate_and_pull(int begin, int end, bool pulled, Real keep, bool windy, Vec wind,
                                             FRAME& frame) const {
     const Vec fall = broadcast(region.gravity_h2) +
                      shift_by_origin(broadcast(now.moves), broadcast(now.moved_before), keep) +
                      rotate_by_rows(row_x, row_y, row_z, broadcast(region.support_h2));
-    const Real stiffness(region.global_stiffness), ratio2(region.step_ratio2);
     for (int i = begin; i < end; ++i) {
       Vec accel_h2 = fall;
       if (windy) accel_h2 = accel_h2 + wind_across(wind, p[i] - p[i - 1]);
@@ -121,7 +127,7 @@ struct BlockStep {
       }
       Vec moved = integrate(p[i], q[i], keep, accel_h2);
       if (pulled) {
-        moved = pull_to_goal(moved, with_head(i), stiffness_at_step(stiffness * reals(block.fade)[i], ratio2));
+        moved = pull_to_goal(moved, with_head(i), goal_stiffness(i));
       }
       if constexpr (Masked) {
         const auto is_free = reals(block.free)[i] > Real(Scalar(0));
@@ -804,6 +810,14 @@ struct BlockStep {
   }
 
   STRANDBAKE_INLINE void run(bool first) const {
+    if (region.rod) {
+      const Real keep(first ? region.keep_first : region.keep);
+      const RodStep<BlockStep, Real, Masked> rod{*this};
+      rod.turn_on(p, keep);
+      integrate_and_pull(keep);
+      rod.run(p, drawn_scale(Real(first ? region.tension_first : Scalar(1))));
+      return;
+    }
     if (region.direct_lengths) return_tension(Real(first ? region.tension_first : Scalar(1)));
     integrate_and_pull(Real(first ? region.keep_first : region.keep));
     if (region.local_shape) local_shape();

@@ -66,7 +66,8 @@ bool asks_the_same(const RegionStep<Scalar>& a, const RegionStep<Scalar>& b) {
          a.drag_h2 == b.drag_h2 && a.global_stiffness == b.global_stiffness && a.step_ratio2 == b.step_ratio2 &&
          a.local_stiffness == b.local_stiffness && a.local_iterations == b.local_iterations &&
          a.local_method == b.local_method && a.reacts == b.reacts && a.direct_lengths == b.direct_lengths &&
-         a.length_iterations == b.length_iterations;
+         a.length_iterations == b.length_iterations && a.rod_bend_h2 == b.rod_bend_h2 &&
+         a.rod_iterations == b.rod_iterations;
 }
 
 // Whether no exponent of so many numbers is that of infinity and NaN.
@@ -183,7 +184,8 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
 
   // A page or more apart, so that threads share no cache line.
   const std::size_t row = strands_.longest * static_cast<std::size_t>(strands_.width);
-  const std::size_t per_thread = (20 * row + 1023) / 1024 * 1024;
+  const bool has_rods = std::ranges::any_of(plan.regions, &RegionPlan::rod);
+  const std::size_t per_thread = ((has_rods ? 20 + kRodRow : 20) * row + 1023) / 1024 * 1024;
   const auto threads = static_cast<std::size_t>(options.threads);
   scratch_ = LargeArray<Scalar>(threads * per_thread);
   workspace_.resize(threads);
@@ -198,6 +200,7 @@ OpenMPSolver<Scalar>::OpenMPSolver(const Groom& groom, const Plan& plan, const E
     workspace_[t].old_frame_x = base + 13 * row;
     workspace_[t].old_frame_y = base + 16 * row;
     workspace_[t].old_tension = base + 19 * row;
+    workspace_[t].rod = has_rods ? base + 20 * row : nullptr;
     workspace_[t].skip_resting = options.skip.resting;
     workspace_[t].skip_colliders = options.skip.colliders;
   }

@@ -3,6 +3,8 @@
 // (passes/stiffness.h).
 #pragma once
 
+#include <string>
+
 #include "sim/declare.h"
 
 namespace strandbake {
@@ -60,14 +62,45 @@ void fields(V& v, LengthParams& p) {
     "Instead: sweeps of the paper's constraint in a substep, even edges then odd ones. 0 lets lengths go.");
 }
 
+// The rod (passes/rod_bend.h, passes/rod_stretch.h). The defaults are human hair.
+struct RodParams {
+  double young = 4e9;
+  double poisson = 0.3;
+  double shear = 0;
+  double radius = 35e-6;
+  double density = 1300;
+  double stiffness = 1;
+  int iterations = 1;
+  bool exact_lengths = true;
+};
+template <class V>
+void fields(V& v, RodParams& p) {
+  v("young", p.young, more_than(0), "Pa",
+    "Young's modulus: how hard hair is to bend. That of human hair is 3e9 to 5e9.");
+  v("poisson", p.poisson, between(-0.99, 0.5), "1", "Poisson's ratio, which makes the shear modulus of Young's.");
+  v("shear", p.shear, at_least(0), "Pa", "Shear modulus: how hard hair is to twist. 0: from young and poisson.");
+  v("radius", p.radius, more_than(0), "m", "Of a hair. Fine human hair has 25e-6, medium 35e-6, coarse 45e-6.");
+  v("density", p.density, more_than(0), "kg/m^3", "Of hair.");
+  v("stiffness", p.stiffness, more_than(0), "1",
+    "A factor for bending and twist alike: above 1 for hair with spray in it, below for wet or styled to be soft.");
+  v("iterations", p.iterations, between(1, 100), "1",
+    "Newton iterations in a substep. One is enough but where hair whips about with one substep a frame.");
+  v("exact_lengths", p.exact_lengths, Switch{}, "",
+    "true: hair does not stretch at all. false: as far as Young's modulus has it.");
+}
+
 struct RegionParams {
   bool simulate = true;
   bool sag_free = false;
   double damping = 0.1;
   double drag = 1;
+  std::string method = "shape";
   LocalShapeParams local;
   GlobalShapeParams global;
   LengthParams lengths;
+  RodParams rod;
+
+  bool is_rod() const { return method == "rod"; }
 };
 template <class V>
 void fields(V& v, RegionParams& p) {
@@ -78,9 +111,14 @@ void fields(V& v, RegionParams& p) {
   v("damping", p.damping, between(0, 1).keyed(), "1", "The share of its velocity that a vertex loses in 1/60 s.");
   v("drag", p.drag, at_least(0).keyed(), "1/s",
     "Acceleration by the wind, per m/s of wind across the strand. 0 lets no wind in.");
+  v("method", p.method, one_of({"shape", "rod"}), "",
+    "\"shape\": bends by local and lengths by lengths, as in the paper. \"rod\": bends, twist and lengths of an "
+    "elastic "
+    "rod; local and lengths have no part in it then.");
   v("local", p.local, "Local shape: keeps bends and curls.");
   v("global", p.global, "Global shape: keeps hair near its place on the head.");
   v("lengths", p.lengths, "Edge lengths: \"direct\", or {iterations = 2} as in the paper.");
+  v("rod", p.rod, "The rod: what hair is made of.");
 }
 
 struct ForceParams {

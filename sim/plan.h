@@ -11,6 +11,7 @@ namespace strandbake {
 struct RegionPlan {
   bool simulated = true;  // else its hair rides on the head
   bool sag_free = false;
+  bool rod = false;  // in place of local shape and edge lengths
   bool wind = false;
   bool global_shape = false;
   bool local_shape = false;
@@ -20,6 +21,8 @@ struct RegionPlan {
   bool reacts = false;          // its constraints have a reaction
   double global_range = 0;      // where global_shape holds; shares of the strand's length, constant over time
   double global_fade = 0;
+  double rod_bend = 0, rod_twist = 0;  // where rod holds; B and C of passes/rod_bend.h [m^4/s^2]
+  double rod_stretch = 0;              // Y of passes/rod_stretch.h [m^2/s^2]; 0: lengths are exact
 };
 
 struct Plan {

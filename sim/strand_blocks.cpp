@@ -13,6 +13,7 @@
 #include "sim/parallel.h"
 #include "sim/passes/frame_scan.h"
 #include "sim/passes/local_shape.h"
+#include "sim/passes/rod_bend.h"
 #include "sim/passes/stiffness.h"
 
 namespace strandbake {
@@ -61,6 +62,39 @@ std::vector<Frame<Scalar>> rest_frames(std::span<const Vec3<Scalar>> rest, const
   }
   for (std::size_t i = 2; i < rest.size(); ++i) frames[i] = twisted_frame(frames[i], twist[i]);
   return frames;
+}
+
+// kappa0 of each joint, by the vertex after it: that of the rest pose, and what bears the weight [m/s^2] there.
+// A pinned vertex hangs on nothing.
+template <class Scalar, class IsPinned>
+std::vector<Vec3<Scalar>> rod_rest_curvature(std::span<const Vec3<Scalar>> rest, std::span<const Frame<Scalar>> frames,
+                                             const RegionPlan& plan, Vec3<Scalar> weight, const IsPinned& is_pinned) {
+  const std::size_t n = rest.size();
+  std::vector<Vec3<Scalar>> curvature(n, Vec3<Scalar>{0, 0, 0});
+  const auto length = [&](std::size_t i) {
+    const Vec3<Scalar> edge = rest[i] - rest[i - 1];
+    return square_root(inner(edge, edge));
+  };
+  const bool bears = inner(weight, weight) > 0;
+  Vec3<Scalar> pull = {0, 0, 0}, couple = {0, 0, 0};  // on the near end of what hangs there
+  for (std::size_t i = n - 1; i >= 2; --i) {
+    const Scalar after = i + 1 < n ? length(i + 1) : 0;
+    if (is_pinned(i)) {
+      pull = couple = {0, 0, 0};
+    } else {
+      pull = pull + weight * (Scalar(0.5) * (length(i) + after));
+    }
+    couple = couple + outer(rest[i] - rest[i - 1], pull);
+    const Vec3<Scalar> k = rod_curvature(frames[i - 1], frames[i]);
+    const Scalar inverse = inverse_joint_length(length(i - 1), length(i));
+    curvature[i] = k;
+    if (bears && inverse > 0) {
+      curvature[i] =
+          curvature_that_bears(k, into_frame(frames[i - 1], couple), static_cast<Scalar>(plan.rod_bend) * inverse,
+                               static_cast<Scalar>(plan.rod_twist) * inverse);
+    }
+  }
+  return curvature;
 }
 
 // Spreads the low ten bits of v over every third bit.
@@ -198,7 +232,7 @@ StrandBlocks<Scalar>::StrandBlocks(const Groom& groom, const Plan& plan, int str
 }
 
 template <class Scalar>
-std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, const std::vector<bool>& scratch, Scalar* base) {
+std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, const std::vector<std::size_t>& scratch, Scalar* base) {
   const std::size_t w = static_cast<std::size_t>(width);
   std::size_t used = 0;
   const auto take = [&](Scalar*& array, std::size_t count) {
@@ -218,25 +252,30 @@ std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, const std::vector<bo
     }
     take(b.previous, 3 * n * w);
     const bool frames = region.local_shape && region.local_method != 3;
+    const bool rod = region.rod;
     const bool all_rest = b.masked || (region.local_shape && region.local_method == 3);
     b.rest_vertices = all_rest ? b.vertices : std::max(2, b.global_end);
     take(b.rest, 3 * static_cast<std::size_t>(b.rest_vertices) * w);
-    take(b.root_frame, frames ? 6 * w : 0);
+    take(b.root_frame, frames || rod ? 6 * w : 0);
     take(b.local_edge, frames ? 3 * n * w : 0);
     take(b.remainder, frames ? 3 * n * w : 0);
     const bool reacts = frames && region.reacts;
     take(b.lever, reacts ? n * w : 0);
-    const bool keeps_frames = frames && (region.local_method == 2 || (region.local_method == 4 && region.sag_free));
+    const bool keeps_frames =
+        rod || (frames && (region.local_method == 2 || (region.local_method == 4 && region.sag_free)));
     take(b.frame_x, keeps_frames ? 3 * n * w : 0);
     take(b.frame_y, keeps_frames ? 3 * n * w : 0);
     take(b.support, frames && region.sag_free ? 3 * n * w : 0);
-    take(b.length, region.edge_lengths || plan.measured || reacts ? n * w : 0);
+    take(b.length, region.edge_lengths || plan.measured || reacts || rod ? n * w : 0);
     take(b.tension, region.direct_lengths ? n * w : 0);
+    take(b.rest_curvature, rod ? 3 * n * w : 0);
+    take(b.drawn, rod ? 3 * n * w : 0);
+    take(b.handed_back, rod ? 3 * n * w : 0);
     take(b.fade, static_cast<std::size_t>(b.global_end) * w);
     take(b.free, b.masked ? n * w : 0);
     take(b.active, b.masked ? n * w : 0);
-    take(b.swept, b.masked && (region.direct_lengths || plan.measured) ? n * w : 0);
-    take(b.elimination, region.direct_lengths && !scratch.empty() && scratch[placed.region] ? 2 * n * w : 0);
+    take(b.swept, b.masked && (region.direct_lengths || rod || plan.measured) ? n * w : 0);
+    take(b.elimination, scratch.empty() ? 0 : scratch[placed.region] * (n - 2) * w);
     take(b.wind_weight, region.wind ? 4 * w : 0);
   }
   return used;
@@ -295,15 +334,44 @@ void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
         store(b.frame_y, i, lane, head.turn(frame.y));
       }
     }
+    const auto length = [&](std::size_t i) {
+      const Vec3<Scalar> edge = rest[i] - rest[i - 1];
+      return square_root(inner(edge, edge));
+    };
+    const auto is_pinned = [&](std::size_t i) {
+      return i < 2 || !region.simulated || (!groom.pinned.empty() && groom.pinned[groom.offset[s] + i] != 0);
+    };
+    if (b.rest_curvature != nullptr) {
+      const Frame<Scalar> root = rest_root_frame<Scalar>(rest);
+      store(b.root_frame, 0, lane, root.x);
+      store(b.root_frame, 1, lane, root.y);
+      const std::vector<Frame<Scalar>> frames = rest_frames<Scalar>(rest, root, 1);
+      Vec3<Scalar> at = head.turn(rest_at(1));
+      for (std::size_t i = 1; i < n; ++i) {
+        const Frame<Scalar>& frame = frames[std::min(i, own - 1)];
+        const Vec3<Scalar> x = head.turn(frame.x);
+        store(b.frame_x, i, lane, x);
+        store(b.frame_y, i, lane, head.turn(frame.y));
+        store(b.drawn, i, lane, {0, 0, 0});
+        store(b.handed_back, i, lane, {0, 0, 0});
+        if (i < 2 || i >= own) continue;
+        // Where a step that changes nothing puts it, to the bit.
+        at = at + x * length(i);
+        if (is_pinned(i)) continue;
+        store(b.position, i, lane, at);
+        store(b.previous, i, lane, at);
+      }
+      const std::vector<Vec3<Scalar>> curvature = rod_rest_curvature<Scalar>(
+          rest, frames, region, region.sag_free ? to_vec3<Scalar>(rest_weight) : Vec3<Scalar>{0, 0, 0}, is_pinned);
+      for (std::size_t i = 2; i < own; ++i) store(b.rest_curvature, i, lane, curvature[i]);
+    }
     if (b.length != nullptr) {
       for (std::size_t i = 1; i < own; ++i) {
-        const Vec3<Scalar> edge = rest[i] - rest[i - 1];
-        store_number(b.length, i, lane, square_root(inner(edge, edge)));
+        store_number(b.length, i, lane, length(i));
         if (b.tension != nullptr) store_number(b.tension, i, lane, 0);
       }
     }
     if (b.lever != nullptr) {
-      const auto length = [&](std::size_t i) { return b.length[i * w + static_cast<std::size_t>(lane)]; };
       for (std::size_t i = 2; i < own; ++i) {
         store_number(b.lever, i, lane, shape_lever(length(i - 1), length(i)));
       }
@@ -317,9 +385,6 @@ void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
         store_number(b.fade, i, lane, static_cast<Scalar>(weight));
       }
     }
-    const auto is_pinned = [&](std::size_t i) {
-      return i < 2 || !region.simulated || (!groom.pinned.empty() && groom.pinned[groom.offset[s] + i] != 0);
-    };
     if (b.masked) {
       for (std::size_t i = 0; i < n; ++i) {
         store_number(b.free, i, lane, static_cast<Scalar>(i >= own || is_pinned(i) ? 0 : 1));
@@ -364,14 +429,20 @@ RegionStep<Scalar> region_step(const RegionParams& params, const RegionPlan& pla
   step.local_shape = runs(plan.local_shape, step.local_stiffness) && params.local.iterations > 0;
   step.supported = plan.sag_free && step.local_shape && params.local.method != 3;
   for (int axis = 0; axis < 3; ++axis) {
-    step.support_h2[axis] = static_cast<Scalar>(plan.sag_free && !step.supported ? -rest_weight[axis] * h * h : 0);
+    step.support_h2[axis] =
+        static_cast<Scalar>(plan.sag_free && !plan.rod && !step.supported ? -rest_weight[axis] * h * h : 0);
   }
   step.h2 = static_cast<Scalar>(h * h);
   step.local_iterations = params.local.iterations;
   step.local_method = params.local.method;
   step.reacts = plan.reacts;
   step.direct_lengths = plan.direct_lengths;
-  step.length_iterations = plan.direct_lengths ? 0 : params.lengths.iterations;
+  step.length_iterations = plan.direct_lengths || plan.rod ? 0 : params.lengths.iterations;
+  step.rod = plan.rod;
+  step.rod_bend_h2 = static_cast<Scalar>(plan.rod_bend * h * h);
+  step.rod_twist_h2 = static_cast<Scalar>(plan.rod_twist * h * h);
+  step.rod_stretch_h2 = static_cast<Scalar>(plan.rod_stretch * h * h);
+  step.rod_iterations = params.rod.iterations;
   return step;
 }
 
@@ -383,11 +454,12 @@ void check_against_plan(const Plan& plan, const FrameInput& input) {
   for (std::size_t r = 0; fits && r < plan.regions.size(); ++r) {
     const RegionParams& params = input.regions[r];
     const RegionPlan& planned = plan.regions[r];
-    fits = (planned.wind || input.wind.empty() || params.drag <= 0) &&
-           ((planned.edge_lengths && planned.direct_lengths == params.lengths.direct) ||
+    fits = (planned.wind || input.wind.empty() || params.drag <= 0) && planned.rod == params.is_rod() &&
+           (planned.rod || (planned.edge_lengths && planned.direct_lengths == params.lengths.direct) ||
             (!params.lengths.direct && params.lengths.iterations <= 0)) &&
            (planned.global_shape || params.global.stiffness <= 0 || params.global.range <= 0) &&
-           ((planned.local_shape && planned.local_method == params.local.method &&
+           (planned.rod ||
+            (planned.local_shape && planned.local_method == params.local.method &&
              planned.reacts == (params.local.reaction && params.local.method != 3)) ||
             params.local.stiffness <= 0 || params.local.iterations <= 0);
   }

@@ -93,9 +93,9 @@ struct StrandBlocks {
   // have.
   StrandBlocks(const Groom& groom, const Plan& plan, int strands_in_a_block, int threads, const Skip& skip);
 
-  // Hands out memory from `base` on; returns how many numbers that takes. nullptr: only counts. `scratch`: regions
-  // whose blocks hold what else a thread's workspace holds.
-  std::size_t lay_out(const Plan& plan, const std::vector<bool>& scratch, Scalar* base);
+  // Hands out memory from `base` on; returns how many numbers that takes. nullptr: only counts. `scratch`: by
+  // region, how many numbers of a vertex blocks hold that are in a thread's workspace else; empty: none.
+  std::size_t lay_out(const Plan& plan, const std::vector<std::size_t>& scratch, Scalar* base);
 
   // Writes the rest state of the strands of one block, and puts them at rest on the head. `rest_weight` as in
   // region_step().

@@ -3,7 +3,7 @@
 // Constants of the program, from the plan: REAL, REAL3, WIDTH, ITEM_GROUP, VERTEX_GROUP; where anything uses the pass,
 // HAS_MASKED, HAS_RIDES, HAS_WIND, HAS_SUPPORT, HAS_GLOBAL_SHAPE, HAS_LOCAL_SHAPE, HAS_REACTION (ALL_REACT: wherever
 // there are local constraints), HAS_EDGE_LENGTHS (iterated),
-// HAS_DIRECT_LENGTHS, HAS_SPHERES; HAS_FIGURES where frames are measured; LOCAL_METHOD where all regions with a strand
+// HAS_DIRECT_LENGTHS, HAS_ROD, HAS_ROD_STRETCH, HAS_SPHERES; HAS_FIGURES where frames are measured; LOCAL_METHOD where all regions with a strand
 // per work-item agree on it; VERTICES_METHOD_..., see vertex_per_item.cl, for what is in use.
 
 #define ROW (3 * WIDTH)
@@ -108,6 +108,15 @@ static Real free_weight(Weights weights, uint i) {
   return i < 2 ? (Real)0 : (Real)1;
 }
 
+#if defined(HAS_DIRECT_LENGTHS) || defined(HAS_ROD)
+static bool is_swept(Weights weights, uint i) {
+#ifdef HAS_MASKED
+  if (weights.masked) return read1(weights.swept, i) > (Real)0;
+#endif
+  return true;
+}
+#endif
+
 #ifdef HAS_REACTION
 // The local constraint of vertex i with its reaction, on the three vertices that end there.
 typedef struct {
@@ -168,13 +177,6 @@ static Segment segment_of(Weights weights, uint i, Real rest_length, Real3 near,
   }
 #endif
   return segment;
-}
-
-static bool is_swept(Weights weights, uint i) {
-#ifdef HAS_MASKED
-  if (weights.masked) return read1(weights.swept, i) > (Real)0;
-#endif
-  return true;
 }
 
 // One step of the exact walk: from `before` to vertex i, which the rounds have left at `far`; clear of the spheres.

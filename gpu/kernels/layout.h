@@ -19,6 +19,9 @@ enum RegionReal {
   kGlobalStiffness,
   kStepRatio2,
   kLocalStiffness,
+  kRodBendH2,
+  kRodTwistH2,
+  kRodStretchH2,
   kRegionReals
 };
 enum RegionInt {
@@ -31,6 +34,8 @@ enum RegionInt {
   kReacts,
   kDirectLengths,
   kLengthIterations,
+  kRod,
+  kRodIterations,
   kRegionInts
 };
 
@@ -43,8 +48,26 @@ enum SubstepInt { kSphereBegin, kSphereCount, kSubstepInts };
 typedef struct {
   uint vertices, region, simulated, masked, rides, global_end;
   uint position, previous, rest, root_frame, local_edge, remainder, lever, frame_x, frame_y, support;
-  uint length, tension, fade, free, active, swept, elimination, wind_weight;
+  uint length, tension, rest_curvature, drawn, handed_back, fade, free, active, swept, elimination, wind_weight;
 } BlockRow;
+
+// What Block::elimination holds of a vertex: for direct lengths two numbers, for a rod these. Vectors are x, y, z.
+enum RodScratch {
+  kRodX = 0,        // where the iteration has it
+  kRodWeight = 3,   // m of rod_link.h
+  kRodFactors = 4,  // JointGain: yx, zx, zy, then the inverse of the diagonal
+  kRodOwn = 10,     // where the vertex would have gone on its own, once the gains are used up
+  kRodByX = 10,     // its matrices row by row
+  kRodByW = 19,
+  kRodOffset = 28,
+  kRodExactRow = 31,  // so many numbers where lengths are exact
+  kRodLength = 31,    // of the edge, now
+  kStretchByX = 32,   // StretchGain
+  kStretchByW = 35,
+  kStretchOffset = 38,
+  kRodStretchRow = 39
+};
+enum { kLengthRow = 2 };
 
 // Where the strand of a lane goes in the output.
 typedef struct {

@@ -1,5 +1,5 @@
-// Algorithm 1 of the paper with a strand per work-item: the CPU's mapping. Methods 1 to 3; right for many strands. A
-// strand's work-item touches no other strand, so there is no barrier.
+// Algorithm 1 of the paper with a strand per work-item: the CPU's mapping. Methods 1 to 3 and the rod; right for many
+// strands. A strand's work-item touches no other strand, so there is no barrier.
 //
 // `which`: the blocks to run, WIDTH work-items each.
 
@@ -25,7 +25,7 @@ static void return_tension(uint n, const __global Real* rest_length, __global Re
 }
 
 // Lets the tension act, see passes/direct_length.h. Finds T / L in the place of T and leaves a. `elimination`: c of each
-// vertex.
+// vertex from the third on.
 static void apply_tension(Weights weights, uint n, __global Real* tension, __global Real* elimination,
                           __global Real* q) {
   Real3 done = read3(q, 1);
@@ -36,7 +36,7 @@ static void apply_tension(Weights weights, uint n, __global Real* tension, __glo
     const Real free = free_weight(weights, i);
     const Real held = above * free * ratio;
     const Real inverse = tension_inverse(held, below * free);
-    write1(elimination, 2 * i, below * free * inverse);
+    write1(elimination, kLengthRow * (i - 2), below * free * inverse);
     ratio = ((Real)1 + held) * inverse;
     done = (read3(q, i) + done * (above * free)) * inverse;
     write3(q, i, done);
@@ -44,12 +44,12 @@ static void apply_tension(Weights weights, uint n, __global Real* tension, __glo
     above = below;
   }
   for (uint i = n - 2; i >= 2; --i) {
-    done = read3(q, i) + done * read1(elimination, 2 * i);
+    done = read3(q, i) + done * read1(elimination, kLengthRow * (i - 2));
     write3(q, i, done);
   }
 }
 
-// One round of passes/direct_length.h. `elimination`: b / m and g of each vertex.
+// One round of passes/direct_length.h. `elimination`: b / m and g of each vertex from the third on.
 static void solve_lengths(Weights weights, uint n, bool first, const __global Real* rest_length, __global Real* tension,
                           __global Real* elimination, __global Real* q) {
   Real3 near = read3(q, 1);
@@ -63,8 +63,8 @@ static void solve_lengths(Weights weights, uint n, bool first, const __global Re
     const Real share = b * inverse;
     inverse = inverse_pivot(segment.diagonal, b, share);
     solved = (segment.error + b * solved) * inverse;
-    write1(elimination, 2 * i, share);
-    write1(elimination, 2 * i + 1, solved);
+    write1(elimination, kLengthRow * (i - 2), share);
+    write1(elimination, kLengthRow * (i - 2) + 1, solved);
     before = segment.direction;
     near = far;
   }
@@ -73,8 +73,8 @@ static void solve_lengths(Weights weights, uint n, bool first, const __global Re
   Real3 far = read3(q, n - 1);
   for (uint i = n - 1; i >= 2; --i) {
     near = read3(q, i - 1);
-    const Real solved_here = read1(elimination, 2 * i + 1);
-    lambda = i == n - 1 ? solved_here : solved_here + read1(elimination, 2 * i + 2) * lambda;
+    const Real solved_here = read1(elimination, kLengthRow * (i - 2) + 1);
+    lambda = i == n - 1 ? solved_here : solved_here + read1(elimination, kLengthRow * (i - 1)) * lambda;
     write1(tension, i, read1(tension, i) + lambda);
     const Real3 own = segment_of(weights, i, (Real)0, near, far).direction * lambda;
     write3(q, i, far - (own - pull) * free_weight(weights, i));
@@ -145,6 +145,9 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
         return_tension(n, state + block.length + lane, state + block.tension + lane,
                        s == 0 ? region[kTensionFirst] : (Real)1, p, q);
       }
+#endif
+#ifdef HAS_ROD
+      if (counts[kRod]) turn_on(rod_of(state, block, lane, weights, region, q), p, keep);
 #endif
       write3(q, 0, turn_with(head, read3(rest, 0)));
       write3(q, 1, turn_with(head, read3(rest, 1)));
@@ -328,8 +331,25 @@ __kernel __attribute__((reqd_work_group_size(ITEM_GROUP, 1, 1))) void advance_st
     }
 #endif
 
+#ifdef HAS_ROD
+    if (counts[kRod] && n > 2) {
+      const __global Real* const rest_frame = state + block.root_frame + lane;
+      Frame root;
+      root.x = turn_with(head, read3(rest_frame, 0));
+      root.y = turn_with(head, read3(rest_frame, 1));
+      const Rod rod = rod_of(state, block, lane, weights, region, q);
+      begin_rod(rod, root, p, region, state + block.fade + lane, counts[kGlobalShape] ? block.global_end : 0);
+      run_rod(rod, counts[kRodIterations], spheres_now, sphere_count);
 #ifdef HAS_SPHERES
-    for (int k = 0; k < sphere_count && !counts[kDirectLengths]; ++k) {
+      collide_rod(rod, spheres_now, sphere_count);
+#endif
+      hand_back(rod, drawn_scale(s == 0 ? region[kTensionFirst] : (Real)1), spheres_now, sphere_count);
+    }
+#endif
+
+#ifdef HAS_SPHERES
+    const int spheres_apart = counts[kDirectLengths] || counts[kRod] ? 0 : sphere_count;
+    for (int k = 0; k < spheres_apart; ++k) {
       const __global Real* const sphere = spheres_now + 4 * k;
       for (uint i = 2; i < n; ++i) {
         const Real3 at = read3(q, i);

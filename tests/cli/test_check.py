@@ -54,13 +54,13 @@ stats = false
                             "collisions": "skipped, there are no colliders"}
     assert plan['region "all"'] == {
         "strands": "2 with 12 vertices", "wind": "runs", "global shape": "runs on 50 % of each strand from the root",
-        "local shape": "runs, method 1, 3 iterations", "edge lengths": "runs, directly"}
+        "rod": "skipped, method = \"shape\"", "local shape": "runs, method 1, 3 iterations", "edge lengths": "runs, directly"}
     assert plan['region "nothing"'] == {
         "strands": "1 with 6 vertices", "wind": "skipped, drag = 0", "global shape": "skipped, stiffness = 0 in every frame",
-        "local shape": "skipped, stiffness = 0 in every frame", "edge lengths": "skipped, iterations = 0"}
+        "rod": "skipped, method = \"shape\"", "local shape": "skipped, stiffness = 0 in every frame", "edge lengths": "skipped, iterations = 0"}
     assert plan['region "too"'] == {
         "strands": "2 with 12 vertices", "wind": "runs", "global shape": "skipped, range = 0",
-        "local shape": "skipped, iterations = 0", "edge lengths": "runs, directly"}
+        "rod": "skipped, method = \"shape\"", "local shape": "skipped, iterations = 0", "edge lengths": "runs, directly"}
     assert plan["bake"]["velocity"] == "written" and plan["bake"]["stats"] == "skipped, cache.stats = false"
 
 
@@ -197,3 +197,10 @@ def test_the_example_is_a_good_scene_once_it_names_a_groom(shot):
     assert run.code == GOOD and run.err == ""
     shot.scene(frames="1-24")
     assert run.out == shot.run("check", "scene.toml").out  # every parameter at its default
+
+
+def test_the_plan_of_a_rod_tells_what_it_takes_the_place_of(shot):
+    shot.scene('[[region]]\nname = "hair"\nmethod = "rod"\nrod = {iterations = 2, exact_lengths = false}\n')
+    region = plan_of(shot.run("check", "scene.toml"))['region "hair"']
+    assert region["rod"] == "runs, 2 iterations, hair stretches as Young's modulus has it"
+    assert region["local shape"] == region["edge lengths"] == 'skipped, method = "rod"'

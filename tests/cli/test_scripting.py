@@ -92,8 +92,8 @@ def test_what_the_program_prints_is_what_its_schemas_say(shot):
     assert check["good"] and check["faults"] == [] and (check["plan"]["strands"], check["plan"]["vertices"]) == (5, 30)
     still, hair = check["plan"]["regions"]
     assert (still["strands"], still["simulated"], still["passes"]) == (1, False, [])
-    assert {p["pass"]: p["runs"] for p in hair["passes"]} == {"wind": False, "global shape": True, "local shape": True,
-                                                              "edge lengths": True}
+    assert {p["pass"]: p["runs"] for p in hair["passes"]} == {"wind": False, "global shape": True, "rod": False,
+                                                              "local shape": True, "edge lengths": True}
     assert check["plan"]["substeps"] == {"least": 4, "most": 4, "total": 12}
     assert check["plan"]["disk_bytes"] == 4 * 2 * 12 * 30
     words = shot.run("check", "scene.toml").out

@@ -13,6 +13,8 @@
 #include <string>
 #include <vector>
 
+#include "formats/hair_presets.h"
+
 namespace {
 
 using namespace strandbake;
@@ -305,6 +307,27 @@ TEST_CASE("a preset sets what the scene leaves open, and nothing else") {
   CHECK(read_good(groom).regions.at(0).params.base.local.method == 1);
 }
 
+TEST_CASE("hair is a preset for the rod's numbers that are left open") {
+  for (const HairPreset& hair : kHairPresets) {
+    const std::string region = std::string("[[region]]\nname = \"a\"\nhair = \"") + hair.name + "\"\n";
+    const RodParams own = read_good(groom + region).regions.at(0).params.base.rod;
+    CHECK(own.young == hair.young);
+    CHECK(own.radius == hair.radius);
+    CHECK(own.density == hair.density);
+    const RodParams set = read_good(groom + region + "rod = {radius = 6e-5}\n").regions.at(0).params.base.rod;
+    CHECK(set.young == hair.young);
+    CHECK(set.radius == 6e-5);
+    CHECK(set.density == hair.density);
+    // The solver's defaults are those of the scene's.
+    const RodParams defaults;
+    if (std::string(hair.name) != "medium") continue;
+    CHECK(defaults.young == hair.young);
+    CHECK(defaults.radius == hair.radius);
+    CHECK(defaults.density == hair.density);
+    CHECK(read_good(groom).regions.at(0).hair == "medium");
+  }
+}
+
 TEST_CASE("the groom's files can be one text, texts, or tables") {
   CHECK(read_good("groom.files = \"a.hair\"").groom.files.at(0).file == "a.hair");
   CHECK(read_good("groom.files = [\"a.hair\", \"b.obj\"]").groom.files.at(1).file == "b.obj");
@@ -349,7 +372,9 @@ TEST_CASE("unknown keys are faults with the closest known key") {
   check_fault_below("[[regions]]\nname = \"a\"\n", "3:3", {"\"regions\": unknown key, did you mean \"region\"?"});
   check_fault_below("[[region]]\nname = \"a\"\nlocal = {stifness = 1}\n", "5:10",
                     {"\"stifness\"", "did you mean \"stiffness\"?"});
-  check_fault_below("[[region]]\nname = \"a\"\nmethod = 1\n", "5:1", {"did you mean \"local.method\"?"});
+  check_fault_below(
+      "[[region]]\nname = \"a\"\nmethod = 1\n", "5:10",
+      {"\"region[0].method\" is the number 1, but must be \"shape\" or \"rod\"", "did you mean \"local.method\"?"});
   check_fault_below("gravity = 1\n", "3:1", {"\"gravity\": unknown key, \"groom\" can have"});
   check_fault("gravity = 1\n" + groom, "1:1", {"did you mean \"forces.gravity\"?"});
   check_fault("nonsense = 1\n" + groom, "1:1", {"\"nonsense\": unknown key, a scene can have \"bake\", "});
@@ -923,10 +948,12 @@ wind.period = 1
 region[0].name = "a"
 region[0].strands.box.min = [0, 1e-07, -0.0]
 region[0].strands.box.max = [1e+30, 1e+30, 1e+30]
+region[0].hair = "medium"
 region[0].simulate = true
 region[0].sag_free = false
 region[0].damping = {-1 = 0.1, "1.5" = 0.3}
 region[0].drag = 1
+region[0].method = "shape"
 region[0].local.stiffness = 0.5
 region[0].local.iterations = 3
 region[0].local.method = 1
@@ -936,6 +963,14 @@ region[0].global.range = 0.3
 region[0].global.fade = 1
 region[0].lengths.direct = true
 region[0].lengths.iterations = 0
+region[0].rod.young = 4000000000
+region[0].rod.poisson = 0.3
+region[0].rod.shear = 0
+region[0].rod.radius = 3.5e-05
+region[0].rod.density = 1300
+region[0].rod.stiffness = 1
+region[0].rod.iterations = 1
+region[0].rod.exact_lengths = true
 collider[0].sphere.center = {1 = [0, 1, 2]}
 collider[0].sphere.radius = 0.1
 collider[0].space = "world"

@@ -1,8 +1,8 @@
 // The least hair that takes every path of the OpenCL program, for tools that watch a program run and take their time:
 //   gpu_sample SOURCE strands|vertices [LOCAL_MEMORY [GROUP]]
 // runs the program text of the file SOURCE on device 0 as if that had so many bytes of local memory and work-items in a
-// group, prints what ran as JSON, with the root mean square of the distances to the CPU's vertices after a frame [m],
-// and returns 1 where bits are not the CPU's.
+// group, prints what ran as JSON, with the root mean squares of the distances to the CPU's vertices after a frame, of
+// rods and of all other hair [m], and returns 1 where bits are not the CPU's.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -42,10 +42,11 @@ int last_method() {
 }
 
 // Regions without local shape and with each method, with both ways to hold lengths and with and without a
-// reaction, and one that rides on the head.
+// reaction, rods, and one that rides on the head.
 Shot sample_shot() {
   const int methods = 1 + last_method();
-  const int simulated = 2 * methods;
+  const int rods = 2 * methods;
+  const int simulated = rods + 2;
   Shot shot;
   Random random(5);
   for (int r = 0; r <= simulated; ++r) {
@@ -67,6 +68,8 @@ Shot sample_shot() {
         region.lengths = LengthParams::iterated(1);
         region.local.reaction = false;
       }
+      if (r >= rods) region.method = "rod";
+      if (r > rods) region.rod = {.iterations = 2, .exact_lengths = false};
       region.sag_free = r % 2 == 0;
       region.global = {0.1, 0.5, 1};
     }
@@ -84,10 +87,17 @@ Shot sample_shot() {
   return shot;
 }
 
-double rms_distance_between(const std::vector<Eigen::Vector3f>& a, const std::vector<Eigen::Vector3f>& b) {
-  double sum = 0;
-  for (std::size_t v = 0; v < a.size(); ++v) sum += (a[v] - b[v]).cast<double>().squaredNorm();
-  return std::sqrt(sum / static_cast<double>(a.size()));
+double rms_distance_between(const std::vector<Eigen::Vector3f>& a, const std::vector<Eigen::Vector3f>& b,
+                            const Shot& shot, bool rods) {
+  const std::vector<RegionParams> regions = regions_of(shot, 1);
+  double sum = 0, count = 0;
+  for (std::size_t s = 0; s < shot.groom.strand_count(); ++s) {
+    if (regions[shot.groom.region[s]].is_rod() != rods) continue;
+    for (std::size_t v = shot.groom.offset[s]; v < shot.groom.offset[s + 1]; ++v, ++count) {
+      sum += (a[v] - b[v]).cast<double>().squaredNorm();
+    }
+  }
+  return std::sqrt(sum / count);
 }
 
 int sample(int argc, char** argv) {
@@ -116,19 +126,22 @@ int sample(int argc, char** argv) {
   solver->read(taken);
   on_cpu->read(expected);
   bool same = alike();
-  double rms_distance = 0;
+  double rms_distance = 0, rod_rms_distance = 0;
   for (int frame = 1; frame <= shot.frames; ++frame) {
     solver->advance(frame_input(shot, frame), taken, {});
     on_cpu->advance(frame_input(shot, frame), expected, {});
     same &= alike();
-    if (frame == 1) rms_distance = rms_distance_between(taken, expected);
+    if (frame > 1) continue;
+    rms_distance = rms_distance_between(taken, expected, shot, false);
+    rod_rms_distance = rms_distance_between(taken, expected, shot, true);
   }
   const OpenCLReport report = solver->report();
   std::printf(
-      "{\"device\": \"%s\", \"rms_distance\": %g, \"strands_in_a_block\": %d, \"group\": %zu, \"strand_blocks\": %zu, "
+      "{\"device\": \"%s\", \"rms_distance\": %g, \"rod_rms_distance\": %g, \"strands_in_a_block\": %d, \"group\": "
+      "%zu, \"strand_blocks\": %zu, "
       "\"vertex_blocks\": %zu, \"long_blocks\": %zu}\n",
-      device.name.c_str(), rms_distance, report.strands_in_a_block, report.group_items, report.strand_blocks,
-      report.vertex_blocks, report.long_blocks);
+      device.name.c_str(), rms_distance, rod_rms_distance, report.strands_in_a_block, report.group_items,
+      report.strand_blocks, report.vertex_blocks, report.long_blocks);
   return same ? 0 : 1;
 }
 

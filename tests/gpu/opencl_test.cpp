@@ -3,6 +3,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "tests/gpu/rod_shot.h"
 #include "tests/gpu/test_devices.h"
 #include "tests/sim/harness.h"
 
@@ -40,6 +41,11 @@ TEST_CASE("a device gives the bytes of the CPU: awkward strands, four regions, e
   Shot shot = busy_shot();
   shot.frames = 6;
   check_same_as_cpu(shot, {.precision = precision, .mapping = mapping});
+}
+
+TEST_CASE("a device gives the bytes of the CPU: rods of all kinds among other methods") {
+  const Precision precision = GENERATE(Precision::Float, Precision::Double);
+  check_same_as_cpu(rod_shot(), {.precision = precision});
 }
 
 TEST_CASE("a device gives the bytes of the CPU: each method alone") {

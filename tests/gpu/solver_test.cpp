@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "gpu/opencl_solver.h"
+#include "tests/gpu/rod_shot.h"
 #include "tests/gpu/test_devices.h"
 #include "tests/sim/harness.h"
 
@@ -78,11 +79,87 @@ TEST_CASE("hair with the default parameters gives the same bytes") {
   check_same_frames(run(shot, *solver), run(shot, SolverOptions{}));
 }
 
+TEST_CASE("rods have a strand per work-item, whatever is asked for, and the same bytes") {
+  const Device* const device = exact_device();
+  if (device == nullptr) return;
+  const Mapping mapping = GENERATE(Mapping::Auto, Mapping::Vertices);
+  Shot shot;
+  shot.region = rod_region(GENERATE(true, false), GENERATE(1, 3));
+  shot.head = dance;
+  shot.frames = 4;
+  SECTION("strands of one length, nothing on") {
+    shot.region.drag = 0;
+    shot.region.global.stiffness = 0;
+    shot.groom = groom_of({straight(16, 0.2), curly(16, 0.2, 0.01, 5), straight(16, 0.05)});
+  }
+  SECTION("the shortest strands there are") {
+    shot.groom = groom_of({straight(2, 0.1), straight(3, 0.1), straight(3, 0.01), straight(2, 0.05)});
+    shot.spheres = [](double) { return std::vector<Sphere>{{{0.03, -0.08, 0}, 0.05}}; };
+  }
+  SECTION("strands of two vertices alone") {
+    shot.groom = groom_of({straight(2, 0.1), straight(2, 0.05)});
+  }
+  SECTION("spheres that come and go, and pins") {
+    shot.groom = mixed_groom(7, 20, 24);
+    for (std::size_t s = 0; s < 20; s += 5) pin(shot.groom, s, shot.groom.vertex_count(s) - 1);
+    shot.spheres = [](double time) {
+      return std::vector<Sphere>{{{0.05 - 3 * time, -0.05, 0}, 0.04}, {{0, -0.1, 10 * time}, 0.08}};
+    };
+    shot.wind = {{3, 1, 0}, 0.5, 0.1};
+    shot.substeps = 2;
+  }
+  CAPTURE(shot.region.rod.exact_lengths, shot.region.rod.iterations, static_cast<int>(mapping));
+  CHECK(mapping_of(plan_of(shot).regions[0], mapping, 1) == Mapping::Strands);
+  const auto solver = solver_of(shot, *device, {.mapping = mapping});
+  CHECK(solver->report().strand_blocks > 0);
+  CHECK(solver->report().vertex_blocks + solver->report().long_blocks == 0);
+  const std::vector<Points> expected = run(shot, SolverOptions{});
+  for (const Vector3d& v : expected.back()) REQUIRE(v.allFinite());
+  check_same_frames(run(shot, *solver), expected);
+}
+
+TEST_CASE("rods go on from a state that the CPU has saved") {
+  const Device* const device = exact_device();
+  if (device == nullptr) return;
+  const Shot shot = rod_shot();
+  const auto cpu = make_openmp_solver(shot.groom, plan_of(shot), shot.head(0), SolverOptions{});
+  const auto solver = solver_of(shot, *device);
+  for (int frame = 1; frame <= 3; ++frame) cpu->advance(frame_input(shot, frame));
+  std::vector<std::byte> state;
+  cpu->save([&](std::span<const std::byte> more) { state.insert(state.end(), more.begin(), more.end()); });
+  std::size_t at = 0;
+  solver->load([&](std::span<std::byte> to) {
+    REQUIRE(at + to.size() <= state.size());
+    std::copy_n(state.begin() + static_cast<std::ptrdiff_t>(at), to.size(), to.begin());
+    at += to.size();
+  });
+  CHECK(at == state.size());
+  Points taken(shot.groom.vertex_count()), expected(shot.groom.vertex_count());
+  for (int frame = 4; frame <= shot.frames; ++frame) {
+    cpu->advance(frame_input(shot, frame));
+    solver->advance(frame_input(shot, frame));
+    cpu->read(expected);
+    solver->read(taken);
+    CHECK(same_bits(taken, expected));
+  }
+}
+
+TEST_CASE("what the device works out of a rod counts as its memory, and is no more than that") {
+  const Device* const device = exact_device();
+  if (device == nullptr) return;
+  const bool exact = GENERATE(true, false);
+  Shot shot;
+  shot.region = rod_region(exact, 1);
+  for (int s = 0; s < 64; ++s) add_strand(shot.groom, straight(10, 0.1, {0.001 * s, 0, 0}));
+  const std::size_t on_cpu = openmp_state_bytes(shot.groom, plan_of(shot), {});
+  CHECK(solver_of(shot, *device)->state_bytes() == on_cpu + sizeof(float) * 64 * 8 * (exact ? 31 : 39));
+}
+
 TEST_CASE("hair beyond the device's memory takes turns there, with the same bytes") {
   const Device* const device = exact_device();
   if (device == nullptr) return;
   const Precision precision = GENERATE(Precision::Float, Precision::Double);
-  const Shot shot = short_busy_shot();
+  const Shot shot = GENERATE(false, true) ? rod_shot() : short_busy_shot();
   const std::vector<Points> expected = run(shot, SolverOptions{.precision = precision});
   const std::uint64_t all = solver_of(shot, *device, {.precision = precision})->state_bytes();
   for (const std::uint64_t memory : {all, all - 1, all / 3, std::uint64_t{1}}) {
@@ -138,7 +215,7 @@ TEST_CASE("looking ahead changes no byte, whether or not positions are asked for
   // Where it does not share the CPU's memory, positions come through pinned memory.
   Device elsewhere = *device;
   elsewhere.shares_memory = GENERATE(false, true);
-  Shot shot = busy_shot();
+  Shot shot = GENERATE(false, true) ? rod_shot() : busy_shot();
   shot.frames = 12;
   const auto cpu = make_openmp_solver(shot.groom, measured_plan(shot), shot.head(0), SolverOptions{});
   const auto solver = make_opencl_solver(shot.groom, measured_plan(shot), shot.head(0), elsewhere,

@@ -1,5 +1,6 @@
 #include "sim/declare.h"
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -104,6 +105,11 @@ struct CheckDefaults {
                   const char* help) {
     look(name, range.contains(field.x()) && range.contains(field.y()) && range.contains(field.z()), unit, help);
   }
+  void operator()(std::string_view name, std::string& field, const Text& text, const char*, const char* help) {
+    CAPTURE(name);
+    CHECK(std::count(text.choices.begin(), text.choices.end(), field) == 1);
+    CHECK(std::string_view(help).back() == '.');
+  }
   void operator()(std::string_view name, bool&, const Switch&, const char*, const char* help) {
     CAPTURE(name);
     CHECK(std::string_view(help).back() == '.');
@@ -132,5 +138,5 @@ TEST_CASE("every default lies in its range and has a unit and a line of help") {
   fields(check, region);
   fields(check, forces);
   fields(check, wind);
-  CHECK(check.numbers == 13);
+  CHECK(check.numbers == 20);
 }

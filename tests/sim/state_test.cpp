@@ -28,16 +28,20 @@ std::size_t load(Solver& solver, const Bytes& bytes) {
   return rest.size();
 }
 
-// All methods, frames that last with and without support, hair that rides.
+// All methods, frames that last with and without support, hair that rides, rods.
 Shot shot_of_everything() {
   Shot shot = busy_shot();
-  for (std::size_t s = 0; s < shot.groom.strand_count(); ++s) shot.groom.region[s] = static_cast<std::uint32_t>(s % 6);
+  for (std::size_t s = 0; s < shot.groom.strand_count(); ++s) shot.groom.region[s] = static_cast<std::uint32_t>(s % 8);
   shot.regions_at = [regions_at = shot.regions_at](int frame) {
     std::vector<RegionParams> regions = regions_at(frame);
     regions.push_back(regions[1]);
     regions.push_back(regions[0]);
     regions[3].sag_free = regions[4].sag_free = true;
     regions[5].simulate = false;
+    regions.insert(regions.end(), 2, RegionParams{});
+    regions[6].method = regions[7].method = "rod";
+    regions[7].sag_free = true;
+    regions[7].rod.exact_lengths = false;
     return regions;
   };
   return shot;

@@ -20,7 +20,8 @@ namespace {
 Plan full_plan(const Shot& shot) {
   Plan plan = plan_of(shot);
   for (RegionPlan& region : plan.regions) {
-    region.wind = region.local_shape = region.edge_lengths = true;
+    region.wind = true;
+    region.local_shape = region.edge_lengths = !region.rod;
     if (region.global_shape) continue;
     region.global_shape = true;
     region.global_range = 0.3;
@@ -46,9 +47,11 @@ TEST_CASE("a device makes the CPU's bytes of each shot of the stress table, with
     int shots = 0;
     for (const Case& each : cases()) {
       int kernels = shots++;
-      for (const int method : {1, 2, 3, 4}) {
+      for (const int method : {1, 2, 3, 4, kRod}) {
         for (const Mapping mapping : {Mapping::Strands, Mapping::Vertices}) {
-          if (mapping != mapping_of({.local_shape = true, .local_method = method}, mapping, 1)) continue;
+          if (mapping !=
+              mapping_of({.rod = method == kRod, .local_shape = method != kRod, .local_method = method}, mapping, 1))
+            continue;
           if (++kernels % 3 != 0 && !all) continue;
           Case run_of = with_method(each, method, LengthParams{});
           Shot& shot = run_of.shot;

@@ -10,9 +10,11 @@
 #include <vector>
 
 #include "cli/bench/benchmarks.h"
+#include "cli/bench/method.h"
 #include "cli/bench/timing.h"
 #include "formats/procedural.h"
 #include "formats/quality.h"
+#include "samples/shots.h"
 #include "sim/plan.h"
 #include "sim/solver.h"
 
@@ -23,7 +25,6 @@ using Eigen::Vector3d;
 using Path = std::vector<std::vector<Vector3d>>;  // [frames][vertices]
 
 constexpr double kFps = 60;
-constexpr int kMethods = 4;
 
 // ---- what moves ----
 
@@ -83,14 +84,24 @@ struct Setting {
   int local_iterations = 3;
   bool reaction = true;
 
-  std::string lengths_name() const { return lengths.direct ? "direct" : fmt::format("{} it.", lengths.iterations); }
+  bool is_rod() const { return method == samples::kRod; }
+  // Other iterations make other hair, but of the rod.
+  bool has_own_iterations() const {
+    return local_iterations == (is_rod() ? RodParams().iterations : LocalShapeParams().iterations);
+  }
+  std::string lengths_name() const {
+    if (is_rod()) return "rod";
+    return lengths.direct ? "direct" : fmt::format("{} it.", lengths.iterations);
+  }
 };
 
 RegionParams params_of(const Setting& setting) {
   RegionParams params;
   params.damping = 0.12;
   params.drag = 0;
-  params.local = {0.3, setting.local_iterations, setting.method, setting.reaction};
+  params.local = {0.3, setting.local_iterations, 1, setting.reaction};
+  samples::set_method(params, setting.method);
+  params.rod.iterations = setting.local_iterations;
   params.global = {0.05, 0.3, 1};
   params.lengths = setting.lengths;
   return params;
@@ -168,6 +179,14 @@ std::vector<Setting> settings_of(int method, bool quick) {
   std::vector<Setting> settings;
   const std::vector<int> direct = quick ? std::vector{1, 4} : std::vector{1, 2, 4, 8, 16, 32};
   const std::vector<int> iterated = quick ? std::vector{1} : std::vector{1, 2, 4, 8};
+  if (method == samples::kRod) {
+    for (const int substeps : direct) settings.push_back({method, {}, substeps, Precision::Float, 1});
+    for (const int substeps : quick ? std::vector{1} : std::vector{1, 8})
+      settings.push_back({method, {}, substeps, Precision::Double, 1});
+    for (const int substeps : quick ? std::vector{1} : std::vector{1, 4})
+      settings.push_back({method, {}, substeps, Precision::Float, 3});
+    return settings;
+  }
   for (const int substeps : direct) settings.push_back({method, {}, substeps});
   // The paper's constraints: methods 1 and 2 without a reaction.
   for (const int iterations : quick ? std::vector{2} : std::vector{2, 8, 32}) {
@@ -190,9 +209,7 @@ std::vector<Setting> settings_of(int method, bool quick) {
 
 // The name of bake.quality that stands for it, or nothing.
 std::string preset_of(const Setting& s) {
-  if (!s.lengths.direct || s.precision != Precision::Float || s.local_iterations != LocalShapeParams().iterations ||
-      !s.reaction)
-    return "";
+  if (!s.lengths.direct || s.precision != Precision::Float || !s.has_own_iterations() || !s.reaction) return "";
   for (const Quality& quality : kQualities) {
     if (quality.substeps == s.substeps && quality.local_method == s.method) return quality.name;
   }
@@ -253,15 +270,16 @@ Report bench_error(const BenchOptions& options) {
   for (const Group& group : groups) {
     std::vector<Result> results;
     std::size_t vertices = 0;
-    std::vector<std::vector<Path>> reference(kMethods);  // [methods][scenes]
-    for (int method = 1; method <= kMethods; ++method) {
+    std::vector<std::vector<Path>> reference(samples::kRod);  // [methods][scenes]
+    for (int method = 1; method <= samples::kRod; ++method) {
       Distance coarse, fine;
       std::vector<Result> of_method;
       for (const Setting& setting : settings_of(method, options.quick)) of_method.push_back({setting, {}, {}});
       for (std::size_t k = 0; k < group.scenes.size(); ++k) {
         const Scene& scene = group.scenes[k];
         const auto converging = [&](int substeps) {
-          return run(scene, {method, {}, substeps, Precision::Double}, frames, options.threads).path;
+          const int iterations = method == samples::kRod ? RodParams().iterations : LocalShapeParams().iterations;
+          return run(scene, {method, {}, substeps, Precision::Double, iterations}, frames, options.threads).path;
         };
         const Path eighth = converging(finest / 8), half = converging(finest / 2);
         auto& own = reference[static_cast<std::size_t>(method - 1)];
@@ -283,17 +301,17 @@ Report bench_error(const BenchOptions& options) {
         }
       }
       const double order = std::log2(coarse.rms() / fine.rms()) / 3;
-      report.notes.push_back(
-          fmt::format("{}, method {}: from {} to {} substeps {:.3g} mm, from {} to {} {:.3g} mm: {}.", group.name,
-                      method, finest / 16, finest / 8, 1e3 * coarse.rms(), finest / 2, finest, 1e3 * fine.rms(),
-                      order < 0.1 ? "DOES NOT CONVERGE" : fmt::format("order {:.1f}", order)));
+      report.notes.push_back(fmt::format("{}, {}: from {} to {} substeps {:.3g} mm, from {} to {} {:.3g} mm: {}.",
+                                         group.name, name_of(method), finest / 16, finest / 8, 1e3 * coarse.rms(),
+                                         finest / 2, finest, 1e3 * fine.rms(),
+                                         order < 0.1 ? "DOES NOT CONVERGE" : fmt::format("order {:.1f}", order)));
       results.insert(results.end(), of_method.begin(), of_method.end());
     }
 
     const auto cost = [&](const Result& r) { return 1e9 * r.seconds / (static_cast<double>(vertices) * frames); };
     std::vector<std::pair<double, double>> points;
     for (const Result& r : results) {
-      if (r.setting.local_iterations == 3) points.emplace_back(cost(r), 1e3 * r.own.rms());
+      if (r.setting.has_own_iterations() || r.setting.is_rod()) points.emplace_back(cost(r), 1e3 * r.own.rms());
     }
     const auto front = front_of(points);
     Panel panel;
@@ -305,16 +323,17 @@ Report bench_error(const BenchOptions& options) {
     for (const Result& r : results) {
       const Setting& s = r.setting;
       const std::pair<double, double> point{cost(r), 1e3 * r.own.rms()};
-      const bool on_front = s.local_iterations == 3 && std::find(front.begin(), front.end(), point) != front.end();
+      const bool on_front =
+          (s.has_own_iterations() || s.is_rod()) && std::find(front.begin(), front.end(), point) != front.end();
       std::string mark = is_papers(s) ? "the paper's" : on_front ? "front" : "";
       if (const std::string preset = preset_of(s); !preset.empty()) mark += (mark.empty() ? "" : ", ") + preset;
       report.table.add({{"group", group.name},
-                        {"method", static_cast<double>(s.method)},
+                        {"method", method_cell(s.method)},
                         {"lengths", s.lengths_name()},
                         {"local_iterations", static_cast<double>(s.local_iterations)},
-                        {"reaction", s.method == 3 ? ""
-                                     : s.reaction  ? "yes"
-                                                   : "no"},
+                        {"reaction", s.method == 3 || s.is_rod() ? ""
+                                     : s.reaction                ? "yes"
+                                                                 : "no"},
                         {"precision", s.precision == Precision::Float ? "float" : "double"},
                         {"substeps", static_cast<double>(s.substeps)},
                         {"rms_mm", point.second},
@@ -324,10 +343,10 @@ Report bench_error(const BenchOptions& options) {
                         {"ns_per_vertex_and_frame", point.first},
                         {"mark", mark}});
       if (is_papers(s)) panel.series[1].points.push_back(point);
-      if (s.precision != Precision::Float || s.local_iterations != 3) continue;
+      if (s.precision != Precision::Float || !s.has_own_iterations()) continue;
       if (s.lengths.direct && !s.reaction) continue;
       if (!s.lengths.direct && (s.lengths.iterations != 2 || s.method > 1)) continue;
-      const std::string name = fmt::format("{} {}", s.method, s.lengths_name());
+      const std::string name = s.is_rod() ? "rod" : fmt::format("{} {}", s.method, s.lengths_name());
       lines[name].name = name;
       lines[name].points.push_back(point);
     }
@@ -337,7 +356,8 @@ Report bench_error(const BenchOptions& options) {
   report.notes.push_back(
       "The distance goes to the method's own converged hair with 3 local iterations; \"to method 1\": to that of "
       "method 1. Other local iterations make other hair, and lie off the front for that reason. Where lengths are "
-      "iterated the local shape is the paper's, without a reaction. draft, normal and fine: bake.quality.");
+      "iterated the local shape is the paper's, without a reaction. draft, normal and fine: bake.quality. Of the rod: "
+      "Newton iterations, which make the same hair.");
   report.notes.push_back("stretch: of the worst segment in any frame. Times: one thread, median of runs.");
   return report;
 }

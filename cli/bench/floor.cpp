@@ -71,6 +71,12 @@ Work direct_lengths() {
   return Work{2, 1, 42, 3, 1} + round.repeated(LENGTH_ROUNDS);
 }
 
+Work rod(int iterations) {
+  // Reads kappa0, L and x and y of each frame, writes those. A substep: P where it begins 6, weight 2. Of an iteration
+  // rod_joint has z 9, kappa 55, and 123 more; with_vertex 75, at_near_end 114, with_joint 230; the way back 164.
+  return Work{10, 6, 8, 0, 0} + Work{0, 0, 9 + 55 + 123 + 6 + 75 + 114 + 230 + 164, 7, 1}.repeated(iterations);
+}
+
 Work sphere() {
   // What it takes to know that a vertex is outside: distance 3 + 5, comparison 1. Few are inside.
   return {0, 0, 9, 0, 0};
@@ -97,6 +103,7 @@ Work work_of(const Workload& workload) {
     sum = sum + Work{in_range.read * share, 0, in_range.operations * share, in_range.divisions * share, 0};
   }
   if (plan.local_shape) sum = sum + work::local_shape(plan.local_method, params.local.iterations, plan.reacts);
+  if (plan.rod) sum = sum + work::rod(params.rod.iterations);
   if (plan.edge_lengths) {
     sum =
         sum + (plan.direct_lengths ? work::direct_lengths() : work::edge_lengths().repeated(params.lengths.iterations));

@@ -27,6 +27,7 @@ Work wind();
 Work global_shape();  // of a vertex in the range
 Work local_shape(int method, int iterations, bool reacts);
 Work edge_lengths();
+Work rod(int iterations);
 Work direct_lengths();
 Work sphere();
 Work read();        // positions to the order of the groom

@@ -6,6 +6,7 @@
 #include "cli/bench/benchmarks.h"
 #include "cli/bench/floor.h"
 #include "formats/procedural.h"
+#include "samples/shots.h"
 
 namespace strandbake {
 namespace {
@@ -73,6 +74,16 @@ class Plans {
     direct.lengths = {};
     rows.push_back({"direct lengths", 1, add(of(params, false, 0)), integration, add(of(direct, true, 3)),
                     add(of(without, true, 3)), work::direct_lengths()});
+    // The rod in the place of local shape and edge lengths.
+    params = nothing_but_integration();
+    RegionParams rod = everything(1);
+    samples::set_method(params, samples::kRod);
+    samples::set_method(rod, samples::kRod);
+    RegionParams no_rod = everything(1);
+    no_rod.local.iterations = 0;
+    no_rod.lengths = LengthParams::iterated(0);
+    rows.push_back({"rod", 1, add(of(params, false, 0)), integration, add(of(rod, true, 0)), add(of(no_rod, true, 0)),
+                    work::rod(1)});
     const std::size_t no_spheres = add(of(everything(1), true, 0));
     for (int spheres = 1; spheres <= kMostSpheres; ++spheres) {
       rows.push_back({fmt::format("collisions, {} sphere{}", spheres, spheres == 1 ? "" : "s"), 1,

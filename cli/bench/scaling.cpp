@@ -9,6 +9,7 @@
 
 #include "cli/bench/benchmarks.h"
 #include "cli/bench/floor.h"
+#include "cli/bench/method.h"
 #include "formats/procedural.h"
 
 namespace strandbake {
@@ -27,7 +28,8 @@ Workload workload_of(std::shared_ptr<const Groom> groom, int method, int substep
   workload.groom = std::move(groom);
   workload.params.damping = 0.04;
   workload.params.drag = 0;
-  workload.params.local = {0.9, 4, method};
+  workload.params.local = {0.9, 4, 1};
+  samples::set_method(workload.params, method);
   workload.params.global = {0.02, 0.5, 0};
   workload.params.lengths = LengthParams::iterated(3);
   workload.spheres = 3;
@@ -76,7 +78,7 @@ class Scaling {
       turns.push_back(runs.back()->turn(options_.quick ? 0.003 : 0.01));
     }
     const std::vector<Timing> timings = take_turns(turns, effort);
-    Series series{fmt::format("method {}", method), {}};
+    Series series{name_of(method), {}};
     for (std::size_t k = 0; k < points.size(); ++k) {
       const Groom& groom = *points[k].workload.groom;
       const int substeps = points[k].workload.substeps;
@@ -87,7 +89,7 @@ class Scaling {
       const double value = ratio(points, timings, k);
       report.table.add(
           {{"sweep", sweep},
-           {"method", static_cast<double>(method)},
+           {"method", method_cell(method)},
            {"strands", static_cast<double>(groom.strand_count())},
            {"vertices", vertices / static_cast<double>(groom.strand_count())},
            {"regions", static_cast<double>(points[k].workload.regions)},
@@ -180,7 +182,7 @@ Report bench_scaling(const BenchOptions& options) {
   grooms.clear();
   for (const int vertices : lengths) grooms.push_back(wavy(total / vertices, vertices));
   lines.clear();
-  for (const int method : {1, 3, 4}) {
+  for (const int method : {1, 3, 4, samples::kRod}) {
     points.clear();
     for (std::size_t k = 0; k < grooms.size(); ++k) {
       points.push_back({static_cast<double>(lengths[k]), workload_of(grooms[k], method), all});
@@ -209,7 +211,7 @@ Report bench_scaling(const BenchOptions& options) {
   scaling.panel(fmt::format("Threads ({})", large_name), {"threads"}, {"times as fast as one thread"}, lines);
 
   lines.clear();
-  for (const int method : {1, 2, 3, 4}) {
+  for (const int method : {1, 2, 3, 4, samples::kRod}) {
     points.clear();
     for (const int substeps : quick ? std::vector{1, 8} : std::vector{1, 2, 4, 8, 16}) {
       points.push_back({static_cast<double>(substeps), workload_of(large, method, substeps), all});
@@ -221,7 +223,7 @@ Report bench_scaling(const BenchOptions& options) {
 
   const auto model1 = std::make_shared<const Groom>(thinned(*make_preset("model1"), options.share));
   lines.clear();
-  for (const int method : {1, 2, 3, 4}) {
+  for (const int method : {1, 2, 3, 4, samples::kRod}) {
     points.clear();
     for (const int lanes : available_lanes()) {
       points.push_back({static_cast<double>(lanes), workload_of(model1, method),

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "cli/bench/benchmarks.h"
+#include "cli/bench/method.h"
 #include "samples/real_stability.h"
 #include "samples/stability_measure.h"
 
@@ -14,8 +15,6 @@ namespace {
 
 using samples::Case;
 using samples::Measured;
-
-constexpr int kMethods = 4;
 
 // About `share` of the strands, from the first on.
 Groom thinned(const Groom& groom, double share) {
@@ -75,14 +74,15 @@ Report bench_stability(const BenchOptions& options) {
   Panel panel;
   panel.title = "Substeps from the end of all motion to rest";
   panel.x = {"substeps", true};
-  for (int method = 1; method <= kMethods; ++method) panel.series.push_back({fmt::format("method {}", method), {}});
+  for (int method = 1; method <= samples::kRod; ++method) panel.series.push_back({name_of(method), {}});
   for (std::size_t index = 0; index < cases.size(); ++index) {
     Case each = cases[index];
     if (options.share < 1) each.shot.groom = thinned(each.shot.groom, options.share);
     panel.names.push_back(each.name);
     for (const bool direct : {true, false}) {
-      for (int method = 1; method <= kMethods; ++method) {
+      for (int method = 1; method <= samples::kRod; ++method) {
         for (const Precision precision : {Precision::Float, Precision::Double}) {
+          if (method == samples::kRod && !direct) continue;  // its lengths are its own
           if (options.quick && (!direct || precision == Precision::Double)) continue;
           const Case run_of = samples::with_method(each, method, direct ? LengthParams{} : LengthParams::iterated(2));
           const Measured found = samples::measure(
@@ -91,8 +91,10 @@ Report bench_stability(const BenchOptions& options) {
           const bool stops = found.finite && each.stop != samples::kNever;
           const auto steps = static_cast<double>(found.steps_to_rest.value_or(0));
           report.table.add({{"case", each.name},
-                            {"method", static_cast<double>(method)},
-                            {"lengths", std::string(direct ? "direct" : "2 it.")},
+                            {"method", method_cell(method)},
+                            {"lengths", std::string(method == samples::kRod ? "rod"
+                                                    : direct                ? "direct"
+                                                                            : "2 it.")},
                             {"precision", std::string(precision == Precision::Float ? "float" : "double")},
                             {"finite", std::string(found.finite ? "yes" : "no")},
                             {"largest_stretch_percent", number(found.finite, 100 * found.elongation)},

@@ -7,6 +7,7 @@
 
 #include "cli/bench/benchmarks.h"
 #include "cli/bench/floor.h"
+#include "cli/bench/method.h"
 #include "formats/procedural.h"
 
 namespace strandbake {
@@ -17,29 +18,34 @@ struct Row {
   int method;
   int length_iterations;
   int local_iterations;
-  std::optional<double> hd7970_ms = {};  // method 4 is not of the paper
+  std::optional<double> hd7970_ms = {};  // method 4 and the rod are not of the paper
   std::optional<double> w8000_ms = {};
 };
-constexpr std::size_t kMethods = 4;
+constexpr std::size_t kMethods = samples::kRod;
 constexpr std::array<Row, 3 * kMethods> kTable2 = {{{"model1", 1, 2, 3, 4.59, 5.32},
                                                     {"model1", 2, 2, 3, 1.22, 1.44},
                                                     {"model1", 3, 2, 3, 0.78, 0.94},
                                                     {"model1", 4, 2, 3},
+                                                    {"model1", samples::kRod, 0, 1},
                                                     {"model2", 1, 2, 3, 5.32, 6.28},
                                                     {"model2", 2, 2, 3, 1.24, 1.46},
                                                     {"model2", 3, 2, 3, 0.80, 0.95},
                                                     {"model2", 4, 2, 3},
+                                                    {"model2", samples::kRod, 0, 1},
                                                     {"model3", 1, 3, 4, 62.38, 73.84},
                                                     {"model3", 2, 3, 4, 3.21, 3.81},
                                                     {"model3", 3, 3, 4, 2.11, 2.51},
-                                                    {"model3", 4, 3, 4}}};
+                                                    {"model3", 4, 3, 4},
+                                                    {"model3", samples::kRod, 0, 1}}};
 
 Workload workload_of(const Row& row, std::shared_ptr<const Groom> groom) {
   Workload workload;
   workload.groom = std::move(groom);
   workload.params.damping = 0.04;
   workload.params.drag = 0;
-  workload.params.local = {0.9, row.local_iterations, row.method, false};  // as the paper has it
+  workload.params.local = {0.9, row.local_iterations, 1, false};  // as the paper has it
+  samples::set_method(workload.params, row.method);
+  workload.params.rod.iterations = row.local_iterations;
   workload.params.global = {0.02, 0.5, 0};
   workload.params.lengths = LengthParams::iterated(row.length_iterations);
   workload.spheres = 3;  // as in Table 1
@@ -111,7 +117,7 @@ Report bench_table2(const BenchOptions& options) {
       for (std::size_t k = 0; k < kMethods; ++k) {
         for (const Mapping mapping : {Mapping::Strands, Mapping::Vertices}) {
           const int method = kTable2.at(first + k).method;
-          if (mapping == Mapping::Strands ? method == 4 : method == 1) continue;
+          if (mapping == Mapping::Strands ? method == 4 : method == 1 || method == samples::kRod) continue;
           OpenCLOptions opencl;
           opencl.threads = options.threads;
           opencl.mapping = mapping;
@@ -133,7 +139,7 @@ Report bench_table2(const BenchOptions& options) {
       report.table.add({{"model", row.model},
                         {"strands", static_cast<double>(groom->strand_count())},
                         {"vertices", vertices},
-                        {"method", static_cast<double>(row.method)},
+                        {"method", method_cell(row.method)},
                         {"length_iterations", static_cast<double>(row.length_iterations)},
                         {"local_iterations", static_cast<double>(row.local_iterations)},
                         {"backend", contender.backend},
@@ -147,7 +153,7 @@ Report bench_table2(const BenchOptions& options) {
                         {"floor_share_percent", on_cpu ? Cell(100 * floor / median) : Cell()}});
       if (!on_cpu) continue;
       const auto index = static_cast<double>(panel.names.size());
-      panel.names.push_back(fmt::format("{}, method {}", row.model, row.method));
+      panel.names.push_back(fmt::format("{}, {}", row.model, name_of(row.method)));
       if (row.hd7970_ms) panel.series[0].points.emplace_back(index, *row.hd7970_ms);
       panel.series[1].points.emplace_back(index, 1e3 * median);
       panel.series[2].points.emplace_back(index, 1e3 * floor);
@@ -156,7 +162,8 @@ Report bench_table2(const BenchOptions& options) {
   report.figure = {
       "Table 2 of the paper", fmt::format("{} threads, one step a frame, float", options.threads), {panel}};
   report.notes = {
-      "HD 7970, W8000: milliseconds of the paper's graphics cards, as printed there; method 4 is not of the paper.",
+      "HD 7970, W8000: milliseconds of the paper's graphics cards, as printed there; method 4 and the rod are not of "
+      "the paper.",
       "floor: the larger of bytes over bandwidth and operations over the peak of the arithmetic."};
   for (const Device& device : devices) {
     report.notes.push_back(fmt::format("{}: {}, driver {}; time of its kernels by its own clock.", device.name,

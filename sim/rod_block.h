@@ -26,9 +26,10 @@ struct RodStep {
 
   const Step& at;
   Vec* const q = at.q;
-  Vec* const x = Step::vectors(at.workspace.edge);       // positions in the iteration
-  Real* const weight = Step::reals(at.workspace.share);  // of vertices [m]
-  Real* const length = Step::reals(at.workspace.error);  // of edges, now
+  Vec* const x = Step::vectors(at.workspace.edge);        // positions in the iteration
+  Real* const weight = Step::reals(at.workspace.share);   // of vertices [m]
+  Real* const length = Step::reals(at.workspace.error);   // of edges, now
+  Real* const pressed = Step::reals(at.workspace.twist);  // 1 where a sphere has pushed in the last iteration
   RodRow<Real>* const rows = reinterpret_cast<RodRow<Real>*>(at.workspace.rod);
   Vec* const frame_x = Step::vectors(at.block.frame_x);
   Vec* const frame_y = Step::vectors(at.block.frame_y);
@@ -105,14 +106,26 @@ struct RodStep {
     if (!may_touch(x, TOUCH_MARGIN)) return found;
     for (int s = 0; s < at.now.sphere_count; ++s) {
       const Vec center = Step::broadcast(at.now.spheres + 4 * s);
-      const Real radius(at.now.spheres[4 * s + 3]);
+      const Real inner = missed_radius(Real(at.now.spheres[4 * s + 3]));
       for (int i = 2; i < n; ++i) {
-        Real weight_inside = select(squared_distance(x[i], center) < radius * radius, one, zero);
+        Real weight_inside = select(squared_distance(x[i], center) < inner * inner, one, zero);
         if constexpr (Masked) weight_inside = weight_inside * Step::reals(at.block.free)[i];
         found = Step::larger(weight_inside, found);
       }
     }
     return found;
+  }
+
+  // Vertices that count as touching the sphere, at x. `edge`: the length of that before it.
+  STRANDBAKE_INLINE typename Real::Mask touches(int i, Vec center, Real radius, Real edge, bool is_first) const {
+    const Real zero(Scalar(0)), one(Scalar(1));
+    const Real distance2 = squared_distance(x[i], center);
+    const Real near = touching_radius(radius, edge, TOUCH_MARGIN), inner = missed_radius(radius);
+    Real counts = is_first ? select(squared_distance(q[i], center) < radius * radius, one, zero) : pressed[i];
+    counts = select(distance2 < near * near, counts, zero);
+    counts = select(distance2 < inner * inner, one, counts);
+    if constexpr (Masked) counts = counts * Step::reals(at.block.free)[i];
+    return counts > zero;
   }
 
   // `counts`: strands that take part, 1 or 0; nullptr: all. Hands back strands that a sphere touches, 1 or 0.
@@ -132,12 +145,10 @@ struct RodStep {
       for (int s = 0; s < contacts; ++s) {
         const Vec center = Step::broadcast(at.now.spheres + 4 * s);
         const Real radius(at.now.spheres[4 * s + 3]);
-        const Real near = touching_radius(radius, length[i], is_first ? TOUCH_MARGIN : Real(Scalar(0)));
-        const auto inside = squared_distance(x[i], center) < near * near;
-        if (!any(inside)) continue;
-        Real mass = select(inside, weight[i], zero);
-        if constexpr (Masked) mass = mass * Step::reals(at.block.free)[i];
-        touched = select(mass > zero, one, touched);
+        const auto does = touches(i, center, radius, length[i], is_first);
+        if (!any(does)) continue;
+        const Real mass = select(does, weight[i], zero);
+        touched = select(does, one, touched);
         link = with_contact(link, x[i], mass, center, radius, length[i]);
       }
       link = with_vertex(link, weight[i], x[i] - q[i], here.x, edge);
@@ -160,13 +171,24 @@ struct RodStep {
       if (counts != nullptr) turn = turn * *counts;
       const FRAME old = frame(i);
       const FRAME now = turned_frame(old, turn);
-      moved = moved + outer(turn, old.x * length[i]);
+      const Real old_length = length[i];
+      moved = moved + outer(turn, old.x * old_length);
       if (stretches) {
         Real change = stretch_by(rows[i].stretch, moved, turn);
         if (counts != nullptr) change = change * *counts;
         moved = moved + old.x * change;
         length[i] = length[i] + change;
       }
+      Real pushed = zero;
+      for (int s = 0; s < contacts; ++s) {
+        const Vec center = Step::broadcast(at.now.spheres + 4 * s);
+        const Real radius(at.now.spheres[4 * s + 3]);
+        const auto does = touches(i, center, radius, old_length, is_first);
+        if (!any(does)) continue;
+        const Real pushes = select(contact_length(x[i], moved, center, radius, old_length) < zero, one, zero);
+        pushed = Step::larger(select(does, pushes, zero), pushed);
+      }
+      pressed[i] = pushed;
       frame_x[i] = now.x;
       frame_y[i] = now.y;
       end = end + now.x * length[i];

@@ -60,12 +60,13 @@ enum RodScratch {
   kRodByX = 10,     // its matrices row by row
   kRodByW = 19,
   kRodOffset = 28,
-  kRodExactRow = 31,  // so many numbers where lengths are exact
-  kRodLength = 31,    // of the edge, now
-  kStretchByX = 32,   // StretchGain
-  kStretchByW = 35,
-  kStretchOffset = 38,
-  kRodStretchRow = 39
+  kRodPressed = 31,   // 1 where a sphere has pushed in the last iteration
+  kRodExactRow = 32,  // so many numbers where lengths are exact
+  kRodLength = 32,    // of the edge, now
+  kStretchByX = 33,   // StretchGain
+  kStretchByW = 36,
+  kStretchOffset = 39,
+  kRodStretchRow = 40
 };
 enum { kLengthRow = 2 };
 

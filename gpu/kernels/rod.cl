@@ -136,6 +136,20 @@ static void begin_rod(Rod rod, Frame root, const __global Real* p, const __globa
   }
 }
 
+#ifdef HAS_SPHERES
+// Whether the vertex counts as touching the sphere, where the iteration has it. `edge`: the length of that before it.
+static bool rod_touches(Rod rod, uint i, Real3 at, const __global Real* sphere, Real edge, bool is_first) {
+  if (!(free_weight(rod.weights, i) > (Real)0)) return false;
+  const Real distance2 = squared_distance(at, triple(sphere));
+  const Real near = touching_radius(sphere[3], edge, TOUCH_MARGIN);
+  const Real inner = missed_radius(sphere[3]);
+  if (distance2 < inner * inner) return true;
+  if (!(distance2 < near * near)) return false;
+  return is_first ? squared_distance(read3(rod.q, i), triple(sphere)) < sphere[3] * sphere[3]
+                  : read1(rod_row(rod, i), kRodPressed) > (Real)0;
+}
+#endif
+
 // Hands back whether a sphere touches the strand.
 static bool iterate_rod(Rod rod, bool is_first, const __global Real* spheres, int sphere_count) {
   bool touched = false;
@@ -148,13 +162,10 @@ static bool iterate_rod(Rod rod, bool is_first, const __global Real* spheres, in
 #ifdef HAS_SPHERES
     for (int k = 0; k < sphere_count; ++k) {
       const __global Real* const sphere = spheres + 4 * k;
-      const Real3 center = triple(sphere);
       const Real3 at = row3(row, kRodX);
-      const Real near = touching_radius(sphere[3], rod_length(rod, i), is_first ? TOUCH_MARGIN : (Real)0);
-      if (!(squared_distance(at, center) < near * near)) continue;
-      const Real mass = read1(row, kRodWeight) * free_weight(rod.weights, i);
-      touched = touched || mass > (Real)0;
-      link = with_contact(link, at, mass, center, sphere[3], rod_length(rod, i));
+      if (!rod_touches(rod, i, at, sphere, rod_length(rod, i), is_first)) continue;
+      touched = true;
+      link = with_contact(link, at, read1(row, kRodWeight), triple(sphere), sphere[3], rod_length(rod, i));
     }
 #endif
     link = with_vertex(link, read1(row, kRodWeight), row3(row, kRodX) - read3(rod.q, i), here.x, edge);
@@ -185,8 +196,9 @@ static bool iterate_rod(Rod rod, bool is_first, const __global Real* spheres, in
     turn = turn + joint_turn(joint_gain_of(row), moved, turn);
     const Frame old = rod_frame(rod, i);
     const Frame now = turned_frame(old, turn);
-    Real length = rod_length(rod, i);
-    moved = moved + outer(turn, old.x * length);
+    const Real old_length = rod_length(rod, i);
+    Real length = old_length;
+    moved = moved + outer(turn, old.x * old_length);
 #ifdef HAS_ROD_STRETCH
     if (rod.stretch > (Real)0) {
       StretchGain gain;
@@ -198,6 +210,16 @@ static bool iterate_rod(Rod rod, bool is_first, const __global Real* spheres, in
       length = length + change;
       write1(row, kRodLength, length);
     }
+#endif
+#ifdef HAS_SPHERES
+    Real pressed = 0;
+    for (int k = 0; k < sphere_count; ++k) {
+      const __global Real* const sphere = spheres + 4 * k;
+      const Real3 at = row3(row, kRodX);
+      if (!rod_touches(rod, i, at, sphere, old_length, is_first)) continue;
+      if (contact_length(at, moved, triple(sphere), sphere[3], old_length) < (Real)0) pressed = 1;
+    }
+    write1(row, kRodPressed, pressed);
 #endif
     set_rod_frame(rod, i, now);
     end = end + now.x * length;
@@ -214,7 +236,8 @@ static bool rod_is_inside(Rod rod, const __global Real* spheres, int sphere_coun
     const Real3 at = row3(rod_row(rod, i), kRodX);
     for (int k = 0; k < sphere_count; ++k) {
       const __global Real* const sphere = spheres + 4 * k;
-      if (squared_distance(at, triple(sphere)) < sphere[3] * sphere[3]) return true;
+      const Real inner = missed_radius(sphere[3]);
+      if (squared_distance(at, triple(sphere)) < inner * inner) return true;
     }
   }
   return false;

@@ -7,11 +7,12 @@
 //
 // with the matrix k m n n^T: what turns n is left out, as it would pull inwards; and a vertex farther inside than its
 // edge is long is driven by that much. A strand of which a vertex touches a sphere gets one Newton iteration more. The
-// first takes for touching what is nearer than a fiftieth of an edge, as hair that slides along a sphere leaves it a
-// little in each step. In those after it vertices that are pulled away are off the surface, by so little as the spring
-// is stiff, and free; those that are inside have been missed. In the end collision puts on the surface what is still
-// inside.
-// Source: ours. Checks: tests/sim/rod_test.cpp, tests/stability/stability_test.cpp.
+// first takes for touching what would go into the sphere on its own and is nearer than a fiftieth of an edge, as hair
+// that slides along a sphere leaves it a little in each step. Those after it let go of what its spring pulls back, else
+// hair stuck to spheres, and the more so the shorter the step: the spring's length is asked for by how the iteration
+// has moved the vertex, as |e| - r itself is less than rounding. And they catch what is inside and has been missed. In
+// the end collision puts on the surface what is still inside. Source: ours. Checks: tests/sim/rod_test.cpp,
+// tests/stability/stability_test.cpp.
 #pragma once
 
 #include "sim/passes/collide.h"
@@ -26,10 +27,13 @@ STRAND_MATH_BEGIN
 #define TOUCH_MARGIN ((Real)0.02f)
 #define BOUNCE_MARGIN ((Real)0.25f)
 
-// Rounding leaves a vertex that touches as near to the surface as that. `length`: of its edge; `margin`: one of those
-// above, or 0.
+// `length`: of its edge; `margin`: one of those above.
 STRAND_FN Real touching_radius(Real radius, Real length, Real margin) {
-  return radius * ((Real)1.0f + (Real)2e-6f) + length * margin;
+  return radius + length * margin;
+}
+// Inside which a vertex is not for rounding alone.
+STRAND_FN Real missed_radius(Real radius) {
+  return radius - radius * OF_PRECISION(1e-6f, 1e-11f);
 }
 
 // Of a vertex that touches. `mass`: 0 where it is pinned, or does not. `length`: of its edge.
@@ -44,6 +48,16 @@ STRAND_FN LINK with_contact(LINK v, VEC3 p, Real mass, VEC3 center, Real radius,
   v.A = plus_square(v.A, n, k);
   v.a = v.a + n * (k * SELECT(off > least, off, least));
   return v;
+}
+
+// Length of the spring [m] once an iteration has moved the vertex, which was at p, by so much: below 0 it pushes.
+STRAND_FN Real contact_length(VEC3 p, VEC3 moved, VEC3 center, Real radius, Real length) {
+  VEC3 e = p - center;
+  Real distance2 = squared_distance(p, center);
+  Real distance = SQRT(SELECT(distance2 > POINT_LENGTH_SQUARED, distance2, (Real)1.0f));
+  Real off = distance - radius;
+  Real least = (Real)0.0f - length;
+  return SELECT(off > least, off, least) + inner(e, moved) * ((Real)1.0f / distance);
 }
 
 STRAND_MATH_END

@@ -20,8 +20,9 @@
 //      Y = L^-1 (C | D), y = L^-1 (d + m):   A, C, D, a, d  less  Y^T G^-1 Y and Y^T G^-1 y
 // Then from the root, which does not move, u = -L^-T G^-1 (Y (x, w) + y). All that is taken away in 5. is what hangs on
 // vertex j less what its joint holds, so a joint may be as stiff or soft as it likes, and lengths may be rigid (no
-// stretch) without a large number anywhere. Twist has next to no inertia; a ten-thousandth of that of the edge keeps D
-// + S regular.
+// stretch) without a large number anywhere. Twist has next to no inertia; a ten-thousandth of that of the edge keeps
+// D + S regular in floats, a hundred-millionth in doubles. It rubs, as twist goes on from no turn in each step, and the
+// more so the shorter that is: a ten-thousandth would keep doubles from converging.
 // What is taken away in 5. may be all but a float's last digits: some more of A and D than these are worth stays, or
 // soft joints beyond pinned vertices had what is less than nothing. As all of the matrix, it has no part in what an
 // iteration ends at.
@@ -138,7 +139,7 @@ STRAND_FN LINK no_link(Real zero) {
 STRAND_FN LINK with_vertex(LINK v, Real mass, VEC3 off, VEC3 along, VEC3 edge) {
   v.A = plus_diagonal(v.A, mass);
   v.a = v.a + off * mass;
-  v.D = plus_square(v.D, edge, (Real)1e-4f * mass);
+  v.D = plus_square(v.D, edge, OF_PRECISION(1e-4f, 1e-8f) * mass);
   v.D = plus_load(v.D, along, edge, make_vec3((Real)0.0f, (Real)0.0f, (Real)0.0f) - v.a);
   return v;
 }

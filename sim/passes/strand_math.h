@@ -8,6 +8,7 @@
 //   STRAND_FN       a pure function on values; no overloads, no pointers, no references, no name of an OpenCL function
 //   SELECT(m, a, b) a where the comparison m holds, else b; a and b are both computed
 //   SQRT(a)         exactly rounded
+//   OF_PRECISION(f, d)  f where Real is of floats, d where it is of doubles; both are written as floats
 //
 // Only + - * / sqrt and comparisons, each rounded once, in the order written: that is what makes results equal
 // everywhere.
@@ -30,6 +31,7 @@ typedef struct {
 #define TWIST Twist
 #define SELECT(m, a, b) ((m) ? (a) : (b))
 #define SQRT(a) sqrt(a)
+#define OF_PRECISION(f, d) ((Real)(sizeof(Real) == 8 ? (d) : (f)))
 #define STRAND_MATH_BEGIN
 #define STRAND_MATH_END
 
@@ -43,6 +45,7 @@ typedef struct {
 #define TWIST Twist<Real>
 #define SELECT(m, a, b) select(m, a, b)
 #define SQRT(a) square_root(a)
+#define OF_PRECISION(f, d) ((Real)(sizeof(ScalarOf<Real>) == 8 ? (d) : (f)))
 #define STRAND_MATH_BEGIN namespace strandbake {
 #define STRAND_MATH_END }
 
@@ -52,6 +55,21 @@ template <class Real>
 struct Vec3 {
   Real x, y, z;
 };
+
+template <class Real>
+struct ScalarOfLanes {
+  using Type = typename Real::Scalar;
+};
+template <>
+struct ScalarOfLanes<float> {
+  using Type = float;
+};
+template <>
+struct ScalarOfLanes<double> {
+  using Type = double;
+};
+template <class Real>
+using ScalarOf = typename ScalarOfLanes<Real>::Type;
 
 // Scalars take part in the same text as lanes.
 inline __attribute__((always_inline)) float select(bool m, float a, float b) {

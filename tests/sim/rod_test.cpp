@@ -262,7 +262,7 @@ struct Dense {
       const Eigen::Index at = turn_at(i);
       const Vec pull = to_vec(load(i));
       Symmetric<double> own = plus_load(no_link(0.0).D, rod.frame[i].x, to_vec(edge(i)), pull);
-      own = plus_square(own, to_vec(edge(i)), 1e-4 * rod.mass(i));
+      own = plus_square(own, to_vec(edge(i)), static_cast<double>(1e-8f) * rod.mass(i));
       matrix.block(at, at, 3, 3) += to_eigen(own);
       const double stiffness = rod.stretch > 0 ? h * h * rod.stretch / rod.rest_length[i] : 1;
       matrix(stretch_at(i), stretch_at(i)) += stiffness;

@@ -100,6 +100,7 @@ const std::vector<Known> kKnown = {
     {"both ends held, one substep", "direct", "held", "rf rd", kBetween},
     {"six spheres in one another", "direct", "rest", "rf rd", kSlides},
     {"a real ponytail at 1,501 degrees a second", "direct", "held", "rf rd", kBetween},
+    {"a real ponytail at 1,501 degrees a second", "direct", "rest", "rd", kSlides},
     {"a real ponytail at 1,501 degrees a second, one substep", "direct", "held", "rf rd", kBetween},
 };
 

@@ -8,6 +8,7 @@
 
 #include "formats/animation.h"
 #include "formats/groom_file.h"
+#include "formats/procedural.h"
 #include "samples/stability.h"
 
 namespace strandbake::samples {
@@ -72,6 +73,23 @@ inline std::vector<Case> real_cases(const std::filesystem::path& assets) {
   shot.groom = {};
   add_thinned(shot.groom, assets / "mohawk/Ratboy_mohawk.tfx", 80, 1, {0, 0, 0}, rest);
   all.push_back({"a real mohawk with coincident vertices at 1,501 degrees a second", shot, stop});
+
+  // On the head of formats/procedural.h, which has the size and the place of the grooms'.
+  shot.substeps = 1;
+  shot.groom = {};
+  const Vector3d on_head(0, 0.15, 0);
+  ProceduralParams curls = style_defaults("curly");
+  curls.strands = 60;
+  const Groom curly = make_groom(curls);
+  for (std::size_t s = 0; s < curly.strand_count(); ++s) {
+    Points points = points_of(curly, s);
+    for (Vector3d& p : points) p = rest * (p + on_head);
+    add_strand(shot.groom, points);
+  }
+  shot.spheres = [head, on_head](double time) {
+    return std::vector<Sphere>{{head.pose(time) * on_head, 0.98 * head_radius}};
+  };
+  all.push_back({"curls on a head that dances, one substep", shot, stop});
   return all;
 }
 

@@ -106,7 +106,7 @@ struct RodStep {
     if (!may_touch(x, TOUCH_MARGIN)) return found;
     for (int s = 0; s < at.now.sphere_count; ++s) {
       const Vec center = Step::broadcast(at.now.spheres + 4 * s);
-      const Real inner = missed_radius(Real(at.now.spheres[4 * s + 3]));
+      const Real inner = missed_radius(Real(at.now.spheres[4 * s + 3]), Real(at.region.h2));
       for (int i = 2; i < n; ++i) {
         Real weight_inside = select(squared_distance(x[i], center) < inner * inner, one, zero);
         if constexpr (Masked) weight_inside = weight_inside * Step::reals(at.block.free)[i];
@@ -120,7 +120,7 @@ struct RodStep {
   STRANDBAKE_INLINE typename Real::Mask touches(int i, Vec center, Real radius, Real edge, bool is_first) const {
     const Real zero(Scalar(0)), one(Scalar(1));
     const Real distance2 = squared_distance(x[i], center);
-    const Real near = touching_radius(radius, edge, TOUCH_MARGIN), inner = missed_radius(radius);
+    const Real near = touching_radius(radius, edge, TOUCH_MARGIN), inner = missed_radius(radius, Real(at.region.h2));
     Real counts = is_first ? select(squared_distance(q[i], center) < radius * radius, one, zero) : pressed[i];
     counts = select(distance2 < near * near, counts, zero);
     counts = select(distance2 < inner * inner, one, counts);

@@ -8,7 +8,7 @@ typedef struct {
   __global Real *q, *frame_x, *frame_y, *drawn, *handed_back;
   __global Real* rows;  // of vertices from the third on, see RodScratch
   uint row;             // numbers of one
-  Real bend, twist, stretch;
+  Real bend, twist, stretch, h2;
 } Rod;
 
 static __global Real* rod_row(Rod rod, uint i) {
@@ -86,6 +86,7 @@ static Rod rod_of(__global Real* state, BlockRow block, uint lane, Weights weigh
   rod.handed_back = state + block.handed_back + lane;
   rod.rows = state + block.elimination + lane;
   rod.bend = region[kRodBendH2];
+  rod.h2 = region[kH2];
   rod.twist = region[kRodTwistH2];
   rod.stretch = region[kRodStretchH2];
   rod.row = rod.stretch > (Real)0 ? kRodStretchRow : kRodExactRow;
@@ -142,7 +143,7 @@ static bool rod_touches(Rod rod, uint i, Real3 at, const __global Real* sphere, 
   if (!(free_weight(rod.weights, i) > (Real)0)) return false;
   const Real distance2 = squared_distance(at, triple(sphere));
   const Real near = touching_radius(sphere[3], edge, TOUCH_MARGIN);
-  const Real inner = missed_radius(sphere[3]);
+  const Real inner = missed_radius(sphere[3], rod.h2);
   if (distance2 < inner * inner) return true;
   if (!(distance2 < near * near)) return false;
   return is_first ? squared_distance(read3(rod.q, i), triple(sphere)) < sphere[3] * sphere[3]
@@ -236,7 +237,7 @@ static bool rod_is_inside(Rod rod, const __global Real* spheres, int sphere_coun
     const Real3 at = row3(rod_row(rod, i), kRodX);
     for (int k = 0; k < sphere_count; ++k) {
       const __global Real* const sphere = spheres + 4 * k;
-      const Real inner = missed_radius(sphere[3]);
+      const Real inner = missed_radius(sphere[3], rod.h2);
       if (squared_distance(at, triple(sphere)) < inner * inner) return true;
     }
   }

@@ -31,9 +31,10 @@ STRAND_MATH_BEGIN
 STRAND_FN Real touching_radius(Real radius, Real length, Real margin) {
   return radius + length * margin;
 }
-// Inside which a vertex is not for rounding alone.
-STRAND_FN Real missed_radius(Real radius) {
-  return radius - radius * OF_PRECISION(1e-6f, 1e-11f);
+// Inside which a vertex is not for rounding alone, nor for what a push by 1 mm/s^2 does in a step: hair that rests on a
+// sphere would tremble if a vertex were caught by so little.
+STRAND_FN Real missed_radius(Real radius, Real h2) {
+  return radius - (radius * OF_PRECISION(1e-6f, 1e-11f) + h2 * (Real)1e-3f);
 }
 
 // Of a vertex that touches. `mass`: 0 where it is pinned, or does not. `length`: of its edge.

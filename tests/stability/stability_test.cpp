@@ -98,6 +98,7 @@ const std::vector<Known> kKnown = {
     {"strands that fold back on themselves", "direct", "rest", "rf rd", kDangles},
     {"segments of 1e-7 m beside segments of 1 m", "direct", "rest", "rf rd", kDangles},
     {"both ends held, one substep", "direct", "held", "rf rd", kBetween},
+    {"a sphere that grows to swallow the roots", "direct", "rest", "rf rd", kSlides},
     {"six spheres in one another", "direct", "rest", "rf rd", kSlides},
     {"a real ponytail at 1,501 degrees a second", "direct", "held", "rf rd", kBetween},
     {"a real ponytail at 1,501 degrees a second", "direct", "rest", "rd", kSlides},
@@ -147,7 +148,7 @@ void check_what_holds(const Case& c) {
 
 // Those with real grooms are named so; they need files that are not part of the project.
 bool is_real(const std::string& name) {
-  return name.rfind("a real ", 0) == 0;
+  return name.rfind("a real ", 0) == 0 || name.rfind("curls on a head that dances", 0) == 0;
 }
 std::vector<Case> real_cases_if_there() {
   const char* const assets = std::getenv("STRANDBAKE_ASSETS");

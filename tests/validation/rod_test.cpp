@@ -62,7 +62,7 @@ double elastica(double load) {
   return root[3] / root[2];
 }
 
-// H/W by G of the issue, from elliptic integrals.
+// H/W by the load G, from elliptic integrals.
 struct Sag {
   double load, ratio;
 };

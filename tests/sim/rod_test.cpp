@@ -4,6 +4,7 @@
 #include <catch2/catch.hpp>
 #include <functional>
 
+#include "sim/passes/rod_contact.h"
 #include "tests/sim/harness.h"
 #include "tests/validation/rod_driver.h"
 
@@ -440,4 +441,70 @@ TEST_CASE("a rod that pins, a global shape or its stretch hold, too, moves by ro
   CAPTURE(farthest[0], farthest[1]);
   CHECK(farthest[0] < 1e-5);
   CHECK(farthest[1] < 2e-14);
+}
+
+TEST_CASE("seven eighths of what a rod draws more than before are handed back, and nothing where that is not known") {
+  const Vec none = {0, 0, 0}, before = {1e-3, -2e-3, 5e-4}, now = {2e-3, 1e-3, 0};
+  const Vec back = drawn_return(now, before);
+  CHECK((to_eigen(back) - 0.875 * to_eigen(now - before)).norm() < 1e-18);
+  CHECK(to_eigen(drawn_return(now, none)).norm() == 0);
+  CHECK(to_eigen(drawn_return(none, before)).norm() == 0);
+  CHECK(drawn_scale(1.0) == 1);
+  CHECK(drawn_scale(0.25) == 0.25);
+  CHECK(drawn_scale(4.0) == 4);
+  CHECK(drawn_scale(0.2) == 0);
+  CHECK(drawn_scale(4.1) == 0);
+}
+
+TEST_CASE("a contact is a spring along the normal, and its length is that after the move") {
+  Random random(71);
+  for (int k = 0; k < 20; ++k) {
+    const Vec center = random_vec(random, 1), p = center + to_vec(random.direction() * 0.0999);
+    const Vector3d n = to_eigen(p - center).normalized();
+    const Link<double> v = with_contact(no_link(0.0), p, 0.01, center, 0.1, 0.01);
+    CHECK((to_eigen(v.A) - 100 * n * n.transpose()).norm() < 1e-10);
+    CHECK((to_eigen(v.a) + 100 * 1e-4 * n).norm() < 1e-12);
+    const Vec moved = random_vec(random, 1e-6);
+    CHECK(contact_length(p, moved, center, 0.1, 0.01) ==
+          Approx(to_eigen(p + moved - center).norm() - 0.1).margin(1e-10));
+    // Farther inside than the edge is long it is driven by that much.
+    CHECK(contact_length(p, {0, 0, 0}, center, 0.2, 0.01) == Approx(-0.01));
+    CHECK((to_eigen(with_contact(no_link(0.0), p, 0.01, center, 0.2, 0.01).a) + n).norm() < 1e-12);
+  }
+}
+
+// A contact that pulled would hold hair there, and the more so the more substeps there are.
+TEST_CASE("a rod that touches a sphere falls from it as if it were not there") {
+  Shot shot;
+  add_strand(shot.groom, straight(24, 0.2, {0, 0, 0}, {1, 0, 0}));
+  shot.region.method = "rod";
+  shot.region.global.stiffness = 0;
+  shot.substeps = GENERATE(1, 8, 64);
+  shot.frames = 20;
+  const Precision precision = GENERATE(Precision::Float, Precision::Double);
+  const Points alone = run(shot, {.precision = precision}).back();
+  shot.spheres = [](double) { return std::vector<Sphere>{{{0.12, 0.05, 0}, 0.05}}; };
+  const Points under = run(shot, {.precision = precision}).back();
+  CAPTURE(shot.substeps);
+  CHECK((alone.back() - shot.groom.position.back()).norm() > 0.02);
+  CHECK(largest_distance(under, alone) < 1e-3);
+}
+
+TEST_CASE("a rod that rests on a sphere lies on its surface and does not tremble") {
+  Shot shot;
+  add_strand(shot.groom, straight(24, 0.2, {0, 0, 0}, {1, 0, 0}));
+  shot.region.method = "rod";
+  shot.region.global.stiffness = 0;
+  shot.region.damping = 0.3;
+  shot.substeps = GENERATE(1, 2, 8);
+  shot.frames = 600;
+  shot.spheres = [](double) { return std::vector<Sphere>{{{0.1, -0.06, 0}, 0.05}}; };
+  for (const Precision precision : {Precision::Float, Precision::Double}) {
+    const std::vector<Points> taken = run(shot, {.precision = precision});
+    double nearest = 1;
+    for (const Vector3d& p : taken.back()) nearest = std::min(nearest, (p - Vector3d(0.1, -0.06, 0)).norm() - 0.05);
+    CAPTURE(shot.substeps, precision == Precision::Float);
+    CHECK(std::abs(nearest) < 1e-6);
+    CHECK(largest_distance(taken.back(), taken[taken.size() - 2]) < 1e-6);
+  }
 }

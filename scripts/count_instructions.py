@@ -24,7 +24,7 @@ ACCEPTED = SOURCE / "scripts/instructions.json"
 TOLERANCE = 0.05
 SMALLEST_PART = 0.02  # of the whole, to be judged by itself
 
-GROOM = ["--style", "curly", "--strands", "120", "--vertices", "24", "--seed", "1"]
+GROOM = ["--style", "curly", "--strands", "128", "--vertices", "24", "--seed", "1"]
 # Every method, every pass, both ways to hold lengths, and a cache as people write it. No animation: assimp is not ours to count.
 SCENE = """
 [bake]
@@ -52,6 +52,11 @@ lengths = {iterations = 2}
 name = "method 4"
 strands = {range = "96-107"}
 local = {stiffness = 0.5, iterations = 3, method = 4}
+
+[[region]]
+name = "rod"
+strands = {range = "120-127"}
+method = "rod"
 
 [[region]]
 name = "method 3"

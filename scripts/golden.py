@@ -11,6 +11,7 @@ STRANDBAKE_ASSETS names their folder, ../shared/assets beside the project if lef
 import argparse
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -18,11 +19,6 @@ import time
 
 SOURCE = pathlib.Path(__file__).resolve().parents[1]
 GOLDEN = SOURCE / "scenes/golden"
-# What scenes with a groom of their own say at their head.
-GROOMS = {"demo": ["--style", "wavy", "--strands", "12000", "--vertices", "24", "--seed", "7"],
-          "curls": ["--style", "curly", "--strands", "6000", "--vertices", "48", "--curl-radius", "0.008", "--curl-turns", "7",
-                    "--seed", "3"]}
-
 # So many frames of each that all take some 15 seconds on two cores.
 FRAMES = {"curls": "1-24", "demo": "1-30", "mohawk_fbx": "1-12", "ponytail_robot": "1-12", "ponytail_walk": "1-12"}
 
@@ -38,8 +34,8 @@ def run(program: pathlib.Path, *arguments: str | os.PathLike, cwd: str) -> tuple
 def judge(program: pathlib.Path, scene: pathlib.Path, assets: pathlib.Path, folder: str, accept: bool) -> bool:
     """Bakes a scene and compares or accepts it; tells how that went, and returns whether it went well."""
     search = pathlib.Path(folder)
-    if scene.stem in GROOMS:
-        run(program, "groom", *GROOMS[scene.stem], "-o", f"{scene.stem}.hair", cwd=folder)
+    if groom := re.search(r"^#   strandbake (groom .*)$", scene.read_text(), re.MULTILINE):  # as the scene says how to make it
+        run(program, *groom[1].split(), cwd=folder)
     elif assets.is_dir():
         search = assets
     else:

@@ -7,6 +7,7 @@ import functools
 import json
 import os
 import pathlib
+import re
 import struct
 import subprocess
 from types import SimpleNamespace
@@ -95,6 +96,19 @@ class Shot:
         head = f'[bake]\nframes = "{frames}"\n[groom]\nfiles = {files}\n\n'
         (self.folder / name).write_text(head + text)
         return name
+
+    def groom_of(self, path, strands=None):
+        """Makes the groom of a scene of the project, as the comment at its head says; returns whether it has one. `strands`: so many,
+        in place of those of the comment."""
+        found = re.search(r"^#   strandbake (groom .*)$", pathlib.Path(path).read_text(), re.MULTILINE)
+        if not found:
+            return False
+        arguments = found[1].split()
+        if strands:
+            arguments[arguments.index("--strands") + 1] = str(strands)
+        result = self.run(*arguments)
+        assert result.code == GOOD, result.err
+        return True
 
     def run(self, *arguments, cwd=None, env=None, **more):
         run = subprocess.run([PROGRAM, *map(os.fspath, arguments)], cwd=cwd or self.folder, env={**ENVIRONMENT, **(env or {})},

@@ -17,7 +17,7 @@ FRAMES = 3
 
 def bake_some(shot, scene, *arguments):
     """Checks a scene and bakes its first frames; returns what the cache holds, and the warnings."""
-    settings = ["--search", ASSETS, *arguments]
+    settings = ["--search", shot.folder, "--search", ASSETS, *arguments]
     check = shot.run("check", scene, *settings)
     assert check.code == GOOD, check.err
     first = read_first_frame(check.out)
@@ -35,6 +35,7 @@ def read_first_frame(plan):
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
 def test_the_scenes_of_the_project_bake(shot, scene):
+    shot.groom_of(scene)
     found, _ = bake_some(shot, scene)
     moved = found["frames/position"][-1] - found["frames/position"][0]
     assert np.abs(moved).max() > 0 and np.linalg.norm(moved, axis=1).max() < 5  # metres; hair that explodes goes farther

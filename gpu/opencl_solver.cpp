@@ -370,6 +370,7 @@ void Implementation<Scalar>::make_batch(Batch& batch, const Groom& groom) {
     row.rest_curvature = place(block.rest_curvature);
     row.drawn = place(block.drawn);
     row.handed_back = place(block.handed_back);
+    row.pressed = place(block.pressed);
     row.fade = place(block.fade);
     row.free = place(block.free);
     row.active = place(block.active);

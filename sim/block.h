@@ -33,13 +33,14 @@ struct Block {
   Scalar* rest_curvature;  // [vertices] vectors: kappa0 of the joint before the segment that ends at a vertex (rod)
   Scalar* drawn;           // [vertices] vectors: A of rod_return.h, as the last substep has found it (rod)
   Scalar* handed_back;     // [vertices] vectors: what the next substep gets back of it (rod)
+  Scalar* pressed;         // [vertices]: 1 where a sphere has pushed a vertex in the last substep (rod)
   Scalar* fade;            // [global_end]: w of the global shape
   Scalar* free;            // [vertices] if masked: 1 free, 0 pinned or padding
   Scalar* active;          // [vertices] if masked: 1 where the segment that ends at a vertex exists
-  Scalar* swept;           // [vertices] if masked (direct or measured): 1 where no pinned vertex ends it or comes after
-  Scalar* elimination;     // [vertices - 2] of as many numbers as are asked for: what a substep works out
-  Scalar* wind_weight;     // [4]: blend of the four gusts
-  bool at_rest;            // the last substep changed not a bit, and neither would another with the same input
+  Scalar* swept;  // [vertices] if masked (direct, measured or a rod): 1 where no pinned vertex ends it or comes after
+  Scalar* elimination;  // [vertices - 2] of as many numbers as are asked for: what a substep works out
+  Scalar* wind_weight;  // [4]: blend of the four gusts
+  bool at_rest;         // the last substep changed not a bit, and neither would another with the same input
 };
 
 // One moment at the end of a substep.
@@ -87,14 +88,15 @@ constexpr int kRodRow = 34;
 // What one thread needs beside the blocks, and what it counts.
 template <class Scalar>
 struct Workspace {
-  Scalar* error;  // [vertices]: of edge lengths; direct lengths, g
-  Scalar* share;  // [vertices]: local shape, |m| / |d|; direct lengths, c, then b / m
-  Scalar* edge;   // [vertices] vectors: method 3, rest edges turned; direct lengths, u, then positions before the walk
-  Scalar* frame_x;  // [vertices] vectors: method 4, x and y along the edges now
+  Scalar* error;  // [vertices]: of edge lengths; direct lengths, g; rods, lengths of edges
+  Scalar* share;  // [vertices]: local shape, |m| / |d|; direct lengths, c, then b / m; rods, weights
+  Scalar* edge;   // [vertices] vectors: method 3, rest edges turned; direct lengths, u, then positions before the walk;
+                  // rods, positions
+  Scalar* frame_x;  // [vertices] vectors: method 4, x and y along the edges now; rods, P* (x)
   Scalar* frame_y;
   Scalar* old_frame_x;  // [vertices] vectors: frames before a substep, where blocks have them
   Scalar* old_frame_y;
-  Scalar* old_tension;                // [vertices]: tension before a substep, where blocks have it
+  Scalar* old_tension;                // [vertices]: tension, or who is pressed, before a substep
   Scalar* twist;                      // [vertices] of two numbers: method 4, from those to the frames
   Scalar* rod;                        // [vertices] of kRodRow numbers, where a region is a rod: gains
   bool skip_colliders, skip_resting;  // see Skip

@@ -841,6 +841,17 @@ STRANDBAKE_INLINE bool same_bits(const Vec* a, const Vec* b, int vertices) {
   return true;
 }
 
+// Is nothing handed back to a rod?
+template <class Real>
+STRANDBAKE_INLINE bool all_zero(const Vec3<Real>* v, int vertices) {
+  const Real zero(typename Real::Scalar(0));
+  for (int i = vertices - 1; i >= 0; --i) {
+    if (any(v[i].x > zero) || any(v[i].y > zero) || any(v[i].z > zero)) return false;
+    if (any(v[i].x < zero) || any(v[i].y < zero) || any(v[i].z < zero)) return false;
+  }
+  return true;
+}
+
 template <class Real, bool Masked>
 STRANDBAKE_INLINE void run_substeps(Block<typename Real::Scalar>& block,
                                     const RegionStep<typename Real::Scalar>& region,
@@ -854,7 +865,8 @@ STRANDBAKE_INLINE void run_substeps(Block<typename Real::Scalar>& block,
   const bool has_frames = block.frame_x != nullptr;
   Vec* const frame_x = Step::vectors(block.frame_x);
   Vec* const frame_y = Step::vectors(block.frame_y);
-  Real* const tension = Step::reals(block.tension);
+  Real* const kept = Step::reals(block.tension != nullptr ? block.tension : block.pressed);
+  const Vec* const handed_back = Step::vectors(block.handed_back);
   if (block.rides) {
     Step(block, region, substeps[substep_count - 1], workspace, p, q).ride();
     return;
@@ -865,13 +877,13 @@ STRANDBAKE_INLINE void run_substeps(Block<typename Real::Scalar>& block,
       ++workspace.work.substeps_at_rest;  // p and q are the same bits
     } else {
       // A substep that finds no velocity and leaves everything as it was is a fixed point.
-      bool rest = workspace.skip_resting && same_bits(p, q, n);
+      bool rest = workspace.skip_resting && same_bits(p, q, n) && (handed_back == nullptr || all_zero(handed_back, n));
       if (rest && has_frames) {
         __builtin_memcpy(workspace.old_frame_x, frame_x, sizeof(Vec) * static_cast<unsigned long>(n));
         __builtin_memcpy(workspace.old_frame_y, frame_y, sizeof(Vec) * static_cast<unsigned long>(n));
       }
-      if (rest && tension != nullptr) {
-        __builtin_memcpy(workspace.old_tension, tension, sizeof(Real) * static_cast<unsigned long>(n));
+      if (rest && kept != nullptr) {
+        __builtin_memcpy(workspace.old_tension, kept, sizeof(Real) * static_cast<unsigned long>(n));
       }
       Step(block, region, substeps[s], workspace, p, q).run(s == 0);
       rest = rest && same_bits(p, q, n);
@@ -879,7 +891,9 @@ STRANDBAKE_INLINE void run_substeps(Block<typename Real::Scalar>& block,
         rest = same_bits(frame_x, Step::vectors(workspace.old_frame_x), n) &&
                same_bits(frame_y, Step::vectors(workspace.old_frame_y), n);
       }
-      if (rest && tension != nullptr) rest = same_bits(tension, Step::reals(workspace.old_tension), n);
+      if (rest && kept != nullptr) rest = same_bits(kept, Step::reals(workspace.old_tension), n);
+      // What its rod draws is the same then in the next one, too.
+      if (rest && handed_back != nullptr) rest = all_zero(handed_back, n);
       block.at_rest = rest;
     }
     auto* const swapped = p;

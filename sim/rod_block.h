@@ -26,10 +26,10 @@ struct RodStep {
 
   const Step& at;
   Vec* const q = at.q;
-  Vec* const x = Step::vectors(at.workspace.edge);        // positions in the iteration
-  Real* const weight = Step::reals(at.workspace.share);   // of vertices [m]
-  Real* const length = Step::reals(at.workspace.error);   // of edges, now
-  Real* const pressed = Step::reals(at.workspace.twist);  // 1 where a sphere has pushed in the last iteration
+  Vec* const x = Step::vectors(at.workspace.edge);       // positions in the iteration
+  Real* const weight = Step::reals(at.workspace.share);  // of vertices [m]
+  Real* const length = Step::reals(at.workspace.error);  // of edges, now
+  Real* const pressed = Step::reals(at.block.pressed);   // 1 where a sphere has pushed in the last iteration
   RodRow<Real>* const rows = reinterpret_cast<RodRow<Real>*>(at.workspace.rod);
   Vec* const frame_x = Step::vectors(at.block.frame_x);
   Vec* const frame_y = Step::vectors(at.block.frame_y);
@@ -117,26 +117,30 @@ struct RodStep {
   }
 
   // Vertices that count as touching the sphere, at x. `edge`: the length of that before it.
-  STRANDBAKE_INLINE typename Real::Mask touches(int i, Vec center, Real radius, Real edge, bool is_first) const {
+  STRANDBAKE_INLINE typename Real::Mask touches(int i, Vec center, Real radius, Real edge) const {
     const Real zero(Scalar(0)), one(Scalar(1));
     const Real distance2 = squared_distance(x[i], center);
     const Real near = touching_radius(radius, edge, TOUCH_MARGIN), inner = missed_radius(radius, Real(at.region.h2));
-    Real counts = is_first ? select(squared_distance(q[i], center) < radius * radius, one, zero) : pressed[i];
-    counts = select(distance2 < near * near, counts, zero);
+    Real counts = select(distance2 < near * near, pressed[i], zero);
     counts = select(distance2 < inner * inner, one, counts);
     if constexpr (Masked) counts = counts * Step::reals(at.block.free)[i];
     return counts > zero;
   }
 
-  // `counts`: strands that take part, 1 or 0; nullptr: all. Hands back strands that a sphere touches, 1 or 0.
-  STRANDBAKE_INLINE Real iterate(bool is_first, const Real* counts) const {
+  // Strands, 1 or 0: that a sphere touches, and that it has let go of somewhere.
+  struct Contacts {
+    Real touched, released;
+  };
+
+  // `counts`: strands that take part, 1 or 0; nullptr: all.
+  STRANDBAKE_INLINE Contacts iterate(const Real* counts) const {
     const Real* const rest_length = Step::reals(at.block.length);
     const Vec* const rest_curvature = Step::vectors(at.block.rest_curvature);
     const Real bend(at.region.rod_bend_h2), twist(at.region.rod_twist_h2), stretch(at.region.rod_stretch_h2);
     const bool stretches = at.region.rod_stretch_h2 > 0;
     const int contacts = may_touch(x, TOUCH_MARGIN) ? at.now.sphere_count : 0;
     const Real zero(Scalar(0)), one(Scalar(1));
-    Real touched = zero;
+    Contacts found = {zero, zero};
     LINK link = no_link(zero);
     FRAME here = frame(n - 1);
     for (int i = n - 1; i >= 2; --i) {
@@ -145,10 +149,10 @@ struct RodStep {
       for (int s = 0; s < contacts; ++s) {
         const Vec center = Step::broadcast(at.now.spheres + 4 * s);
         const Real radius(at.now.spheres[4 * s + 3]);
-        const auto does = touches(i, center, radius, length[i], is_first);
+        const auto does = touches(i, center, radius, length[i]);
         if (!any(does)) continue;
         const Real mass = select(does, weight[i], zero);
-        touched = select(does, one, touched);
+        found.touched = select(does, one, found.touched);
         link = with_contact(link, x[i], mass, center, radius, length[i]);
       }
       link = with_vertex(link, weight[i], x[i] - q[i], here.x, edge);
@@ -183,18 +187,20 @@ struct RodStep {
       for (int s = 0; s < contacts; ++s) {
         const Vec center = Step::broadcast(at.now.spheres + 4 * s);
         const Real radius(at.now.spheres[4 * s + 3]);
-        const auto does = touches(i, center, radius, old_length, is_first);
+        const auto does = touches(i, center, radius, old_length);
         if (!any(does)) continue;
         const Real pushes = select(contact_length(x[i], moved, center, radius, old_length) < zero, one, zero);
         pushed = Step::larger(select(does, pushes, zero), pushed);
+        found.released = Step::larger(select(does, one - pushes, zero), found.released);
       }
+      if (counts != nullptr) pushed = select(*counts > zero, pushed, pressed[i]);
       pressed[i] = pushed;
       frame_x[i] = now.x;
       frame_y[i] = now.y;
       end = end + now.x * length[i];
       x[i] = end;
     }
-    return touched;
+    return found;
   }
 
   // Vertices inside spheres swing out of them, and what hangs on them goes along. What no sphere touches keeps its
@@ -267,14 +273,17 @@ struct RodStep {
   STRANDBAKE_INLINE void run(const Vec* p, Real scale) const {
     if (n < 3) return;
     begin(p);
-    Real touched = iterate(true, nullptr);
+    Real touched = iterate(nullptr).touched;
     for (int iteration = 1; iteration < at.region.rod_iterations; ++iteration) {
-      const Real now = iterate(false, nullptr);
+      const Real now = iterate(nullptr).touched;
       touched = Step::larger(now, touched);
     }
     if (at.now.sphere_count > 0) {
-      touched = Step::larger(inside(), touched);
-      if (any(touched > Real(Scalar(0)))) iterate(false, &touched);
+      Real asks = Step::larger(inside(), touched);
+      for (int more = 0; more < CONTACT_ITERATIONS && any(asks > Real(Scalar(0))); ++more) {
+        const Real released = iterate(&asks).released;
+        asks = asks * Step::larger(inside(), released);
+      }
     }
     Vec* const own = Step::vectors(at.workspace.frame_x);
     for (int i = 2; i < n; ++i) {

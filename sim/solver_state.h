@@ -38,11 +38,11 @@ struct LastingArray {
   std::size_t components, first, end;  // vertices of a strand
 };
 
-// What of a strand lasts from frame to frame: positions now and before, frames, tensions and what rods have drawn
-// where the block has them.
+// What of a strand lasts from frame to frame: positions now and before, frames, tensions, what rods have drawn and
+// where they are pressed, where the block has them.
 // Only a rod turns the frame of its tip on, and the first two vertices are held, so others' are not among it.
 template <class Scalar>
-std::array<LastingArray<Scalar>, 7> lasting_arrays(const Block<Scalar>& block, bool swapped, std::size_t vertices) {
+std::array<LastingArray<Scalar>, 8> lasting_arrays(const Block<Scalar>& block, bool swapped, std::size_t vertices) {
   Scalar *now = block.position, *before = block.previous;
   if (swapped) std::swap(now, before);
   const std::size_t frames = block.rest_curvature != nullptr ? vertices : vertices - 1;
@@ -52,7 +52,8 @@ std::array<LastingArray<Scalar>, 7> lasting_arrays(const Block<Scalar>& block, b
            {block.frame_y, 3, 0, frames},
            {block.tension, 1, 2, vertices},
            {block.drawn, 3, 2, vertices},
-           {block.handed_back, 3, 2, vertices}}};
+           {block.handed_back, 3, 2, vertices},
+           {block.pressed, 1, 2, vertices}}};
 }
 
 // Calls visit(number) for each number of the strand in a lane.

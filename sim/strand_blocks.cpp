@@ -271,6 +271,7 @@ std::size_t StrandBlocks<Scalar>::lay_out(const Plan& plan, const std::vector<st
     take(b.rest_curvature, rod ? 3 * n * w : 0);
     take(b.drawn, rod ? 3 * n * w : 0);
     take(b.handed_back, rod ? 3 * n * w : 0);
+    take(b.pressed, rod ? n * w : 0);
     take(b.fade, static_cast<std::size_t>(b.global_end) * w);
     take(b.free, b.masked ? n * w : 0);
     take(b.active, b.masked ? n * w : 0);
@@ -354,6 +355,7 @@ void StrandBlocks<Scalar>::fill(const Groom& groom, const Plan& plan, const Head
         store(b.frame_y, i, lane, head.turn(frame.y));
         store(b.drawn, i, lane, {0, 0, 0});
         store(b.handed_back, i, lane, {0, 0, 0});
+        store_number(b.pressed, i, lane, 0);
         if (i < 2 || i >= own) continue;
         // Where a step that changes nothing puts it, to the bit.
         at = at + x * length(i);
@@ -462,6 +464,10 @@ void check_against_plan(const Plan& plan, const FrameInput& input) {
             (planned.local_shape && planned.local_method == params.local.method &&
              planned.reacts == (params.local.reaction && params.local.method != 3)) ||
             params.local.stiffness <= 0 || params.local.iterations <= 0);
+    if (!planned.rod || !fits) continue;
+    const RegionPlan again = plan_region(std::span(&params, 1), false);
+    fits = planned.rod_bend == again.rod_bend && planned.rod_twist == again.rod_twist &&
+           planned.rod_stretch == again.rod_stretch;
   }
   if (!fits) throw std::invalid_argument("the input of a frame asks for more than the plan has");
 }

@@ -2,9 +2,9 @@
 //
 // Constants of the program, from the plan: REAL, REAL3, WIDTH, ITEM_GROUP, VERTEX_GROUP; where anything uses the pass,
 // HAS_MASKED, HAS_RIDES, HAS_WIND, HAS_SUPPORT, HAS_GLOBAL_SHAPE, HAS_LOCAL_SHAPE, HAS_REACTION (ALL_REACT: wherever
-// there are local constraints), HAS_EDGE_LENGTHS (iterated),
-// HAS_DIRECT_LENGTHS, HAS_ROD, HAS_ROD_STRETCH, HAS_SPHERES; HAS_FIGURES where frames are measured; LOCAL_METHOD where all regions with a strand
-// per work-item agree on it; VERTICES_METHOD_..., see vertex_per_item.cl, for what is in use.
+// there are local constraints), HAS_EDGE_LENGTHS (iterated), HAS_DIRECT_LENGTHS, HAS_ROD, HAS_ROD_STRETCH, HAS_SPHERES;
+// HAS_FIGURES where frames are measured; LOCAL_METHOD where all regions with a strand per work-item agree on it;
+// VERTICES_METHOD_..., see vertex_per_item.cl, for what is in use.
 
 #define ROW (3 * WIDTH)
 

@@ -48,7 +48,8 @@ enum SubstepInt { kSphereBegin, kSphereCount, kSubstepInts };
 typedef struct {
   uint vertices, region, simulated, masked, rides, global_end;
   uint position, previous, rest, root_frame, local_edge, remainder, lever, frame_x, frame_y, support;
-  uint length, tension, rest_curvature, drawn, handed_back, fade, free, active, swept, elimination, wind_weight;
+  uint length, tension, rest_curvature, drawn, handed_back, pressed, fade, free, active, swept, elimination,
+      wind_weight;
 } BlockRow;
 
 // What Block::elimination holds of a vertex: for direct lengths two numbers, for a rod these. Vectors are x, y, z.
@@ -60,13 +61,12 @@ enum RodScratch {
   kRodByX = 10,     // its matrices row by row
   kRodByW = 19,
   kRodOffset = 28,
-  kRodPressed = 31,   // 1 where a sphere has pushed in the last iteration
-  kRodExactRow = 32,  // so many numbers where lengths are exact
-  kRodLength = 32,    // of the edge, now
-  kStretchByX = 33,   // StretchGain
-  kStretchByW = 36,
-  kStretchOffset = 39,
-  kRodStretchRow = 40
+  kRodExactRow = 31,  // so many numbers where lengths are exact
+  kRodLength = 31,    // of the edge, now
+  kStretchByX = 32,   // StretchGain
+  kStretchByW = 35,
+  kStretchOffset = 38,
+  kRodStretchRow = 39
 };
 enum { kLengthRow = 2 };
 

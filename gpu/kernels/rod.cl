@@ -5,7 +5,7 @@ typedef struct {
   uint n;
   Weights weights;
   const __global Real *rest_length, *rest_curvature;
-  __global Real *q, *frame_x, *frame_y, *drawn, *handed_back;
+  __global Real *q, *frame_x, *frame_y, *drawn, *handed_back, *pressed;
   __global Real* rows;  // of vertices from the third on, see RodScratch
   uint row;             // numbers of one
   Real bend, twist, stretch, h2;
@@ -84,6 +84,7 @@ static Rod rod_of(__global Real* state, BlockRow block, uint lane, Weights weigh
   rod.frame_y = state + block.frame_y + lane;
   rod.drawn = state + block.drawn + lane;
   rod.handed_back = state + block.handed_back + lane;
+  rod.pressed = state + block.pressed + lane;
   rod.rows = state + block.elimination + lane;
   rod.bend = region[kRodBendH2];
   rod.h2 = region[kH2];
@@ -139,21 +140,25 @@ static void begin_rod(Rod rod, Frame root, const __global Real* p, const __globa
 
 #ifdef HAS_SPHERES
 // Whether the vertex counts as touching the sphere, where the iteration has it. `edge`: the length of that before it.
-static bool rod_touches(Rod rod, uint i, Real3 at, const __global Real* sphere, Real edge, bool is_first) {
+static bool rod_touches(Rod rod, uint i, Real3 at, const __global Real* sphere, Real edge) {
   if (!(free_weight(rod.weights, i) > (Real)0)) return false;
   const Real distance2 = squared_distance(at, triple(sphere));
   const Real near = touching_radius(sphere[3], edge, TOUCH_MARGIN);
   const Real inner = missed_radius(sphere[3], rod.h2);
   if (distance2 < inner * inner) return true;
-  if (!(distance2 < near * near)) return false;
-  return is_first ? squared_distance(read3(rod.q, i), triple(sphere)) < sphere[3] * sphere[3]
-                  : read1(rod_row(rod, i), kRodPressed) > (Real)0;
+  return distance2 < near * near && read1(rod.pressed, i) > (Real)0;
 }
 #endif
 
-// Hands back whether a sphere touches the strand.
-static bool iterate_rod(Rod rod, bool is_first, const __global Real* spheres, int sphere_count) {
-  bool touched = false;
+// Whether a sphere touches the strand, and has let go of it somewhere.
+typedef struct {
+  bool touched, released;
+} RodContacts;
+
+static RodContacts iterate_rod(Rod rod, const __global Real* spheres, int sphere_count) {
+  RodContacts found;
+  found.touched = false;
+  found.released = false;
   Link link = no_link((Real)0);
   Frame here = rod_frame(rod, rod.n - 1);
   for (uint i = rod.n - 1; i >= 2; --i) {
@@ -164,8 +169,8 @@ static bool iterate_rod(Rod rod, bool is_first, const __global Real* spheres, in
     for (int k = 0; k < sphere_count; ++k) {
       const __global Real* const sphere = spheres + 4 * k;
       const Real3 at = row3(row, kRodX);
-      if (!rod_touches(rod, i, at, sphere, rod_length(rod, i), is_first)) continue;
-      touched = true;
+      if (!rod_touches(rod, i, at, sphere, rod_length(rod, i))) continue;
+      found.touched = true;
       link = with_contact(link, at, read1(row, kRodWeight), triple(sphere), sphere[3], rod_length(rod, i));
     }
 #endif
@@ -217,16 +222,20 @@ static bool iterate_rod(Rod rod, bool is_first, const __global Real* spheres, in
     for (int k = 0; k < sphere_count; ++k) {
       const __global Real* const sphere = spheres + 4 * k;
       const Real3 at = row3(row, kRodX);
-      if (!rod_touches(rod, i, at, sphere, old_length, is_first)) continue;
-      if (contact_length(at, moved, triple(sphere), sphere[3], old_length) < (Real)0) pressed = 1;
+      if (!rod_touches(rod, i, at, sphere, old_length)) continue;
+      if (contact_length(at, moved, triple(sphere), sphere[3], old_length) < (Real)0) {
+        pressed = 1;
+      } else {
+        found.released = true;
+      }
     }
-    write1(row, kRodPressed, pressed);
+    write1(rod.pressed, i, pressed);
 #endif
     set_rod_frame(rod, i, now);
     end = end + now.x * length;
     set_row3(row, kRodX, end);
   }
-  return touched;
+  return found;
 }
 
 #ifdef HAS_SPHERES
@@ -273,10 +282,13 @@ static void collide_rod(Rod rod, const __global Real* spheres, int sphere_count)
 static void run_rod(Rod rod, int iterations, const __global Real* spheres, int sphere_count) {
   bool touched = false;
   for (int iteration = 0; iteration < iterations; ++iteration) {
-    if (iterate_rod(rod, iteration == 0, spheres, sphere_count)) touched = true;
+    if (iterate_rod(rod, spheres, sphere_count).touched) touched = true;
   }
 #ifdef HAS_SPHERES
-  if (touched || rod_is_inside(rod, spheres, sphere_count)) iterate_rod(rod, false, spheres, sphere_count);
+  bool asks = touched || rod_is_inside(rod, spheres, sphere_count);
+  for (int more = 0; more < CONTACT_ITERATIONS && asks; ++more) {
+    asks = iterate_rod(rod, spheres, sphere_count).released || rod_is_inside(rod, spheres, sphere_count);
+  }
 #endif
   // What hangs on a pinned vertex begins where that is, not where the iteration has left it.
   Real3 end = read3(rod.q, 1);

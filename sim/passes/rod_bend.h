@@ -24,7 +24,8 @@
 //
 // It is Gauss's and Newton's, positive definite: what is left out, the second derivative of kappa times the couple,
 // vanishes at rest, and can be negative where hair is bent far beyond it. An equilibrium does not depend on the matrix,
-// only how fast it is found. Near a half turn, where the vector has no bound, |kappa| ends at 40.
+// only how fast it is found. Near a half turn, where the vector has no bound, |kappa| ends at 40, and
+// at a half turn itself, where no axis is one, it is 0.
 // Source: energies of Bergou, Wardetzky, Robinson, Audoly, Grinspun, "Discrete Elastic Rods", SIGGRAPH 2008; frames
 // that are carried along in time as in Bergou, Audoly, Vouga, Wardetzky, Grinspun, "Discrete Viscous Threads", SIGGRAPH
 // 2010; one vector for bends and twist, without an angle, so that it needs no more than + - * /: ours. Checks:
@@ -57,10 +58,11 @@ STRAND_FN VEC3 rod_curvature(FRAME f, FRAME g) {
   VEC3 fz = outer(f.x, f.y);
   VEC3 gz = outer(g.x, g.y);
   Real k = (Real)1.0f + ((inner(f.x, g.x) + inner(f.y, g.y)) + inner(fz, gz));
-  Real share = (Real)2.0f / SELECT(k > (Real)0.01f, k, (Real)0.01f);
-  return make_vec3(inner(fz, g.y) - inner(f.y, gz), inner(f.x, gz) - inner(fz, g.x),
-                   inner(f.y, g.x) - inner(f.x, g.y)) *
-         share;
+  VEC3 v =
+      make_vec3(inner(fz, g.y) - inner(f.y, gz), inner(f.x, gz) - inner(fz, g.x), inner(f.y, g.x) - inner(f.x, g.y));
+  Real least = SQRT(inner(v, v)) * (Real)0.05f;
+  k = SELECT(k > least, k, least);
+  return v * ((Real)2.0f / SELECT(k > (Real)1e-9f, k, (Real)1e-9f));
 }
 
 // 1 / l, from both lengths; 0 for a point.

@@ -10,9 +10,9 @@
 // at rest stays there, as A does not change. The error of the step is an eighth. All of it handed back (second order),
 // what a kink or a jerk has woken would ring for ever. (Edges are turned on as they turned, without it: rod_link.h.)
 // A sphere's push is no vibration: nothing is handed back to a strand of which a vertex is within a quarter of an edge
-// of a sphere, nor in the substep after, or it bounces there for ever. Nor between two pinned vertices, where what is
-// thrown too far is stretched.
-// Source: ours; the same for tension alone is in direct_length.h. Checks: tests/validation/rod_test.cpp.
+// of a sphere, nor in the substep after, whose A_{k-1} counts as not known, or it bounces there for ever. Nor between
+// two pinned vertices, where what is thrown too far is stretched. Source: ours; the same for tension alone is in
+// direct_length.h. Checks: tests/validation/rod_test.cpp.
 #pragma once
 
 #include "sim/passes/strand_math.h"

@@ -675,6 +675,7 @@ class SceneCheck {
       if (reading_.is_faulty(path)) continue;
       check_name(path, region.name, k, names);
       check_strands(path + ".strands", region.strands);
+      check_rod(path + ".rod", region.params.base.rod);
       const bool takes_rest = region.strands.file.empty() && region.strands.range.empty() && !region.strands.box;
       if (!takes_rest || has_fault_in_strands(path)) continue;
       if (rest) {
@@ -685,6 +686,17 @@ class SceneCheck {
       }
       rest = rest.value_or(k);
     }
+  }
+
+  // Beyond, floats cannot tell bending from twist.
+  void check_rod(const std::string& path, const RodParams& rod) {
+    if (rod.shear == 0 || reading_.is_faulty(path + ".young")) return;
+    const double ratio = rod.shear / rod.young;
+    if (ratio >= 0.01 && ratio <= 100) return;
+    reading_.add(path + ".shear",
+                 fmt::format("\"shear\" is {0} Pa, but must be from 0.01 to 100 times \"young\", which is {1} "
+                             "Pa; 0 makes it from young and poisson",
+                             toml_text(rod.shear), toml_text(rod.young)));
   }
 
   void check_name(const std::string& path, const std::string& name, std::size_t index,
@@ -897,13 +909,13 @@ Scene parse_scene(const std::string& text, const std::string& name, const std::v
       reading.add(Origin{static_cast<int>(index), 1, 1}, "", what);
     });
     TableReader::read(reading, root, "", scene, nullptr, "");
+    apply_hair(scene, reading);
     SceneCheck(scene, reading).run();
   } catch (const TomlError& error) {
     reading.add(error.origin, "", std::string("this is not TOML: ") + error.what());
   }
   if (scene.regions.empty()) scene.regions.emplace_back().name = "hair";
   apply_quality(scene, reading);
-  apply_hair(scene, reading);
   reading.report(faults);
   return scene;
 }

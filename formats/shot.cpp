@@ -469,6 +469,33 @@ void find_substeps(Shot& shot, Faults& faults, Warnings& warnings) {
   }
 }
 
+// The dotted path of a table or of the first thing in it that is written; empty if nothing is.
+std::string written_path(const Scene& scene, const std::string& table) {
+  const auto find = [&](const auto& places) -> std::string {
+    const auto at = places.lower_bound(table);
+    if (at == places.end() || at->first.compare(0, table.size(), table) != 0) return {};
+    return at->first.size() == table.size() || at->first[table.size()] == '.' ? at->first : std::string();
+  };
+  const std::string in_scene = find(scene.positions);
+  return in_scene.empty() ? find(scene.overridden) : in_scene;
+}
+
+// What only a rod has, in a region that does not say what it is.
+void look_for_forgotten_method(const Scene& scene, Warnings& warnings) {
+  for (std::size_t r = 0; r < scene.regions.size(); ++r) {
+    const std::string region = fmt::format("region[{}]", r);
+    if (!written_path(scene, region + ".method").empty()) continue;
+    for (const char* const key : {"hair", "rod"}) {
+      const std::string path = written_path(scene, fmt::format("{}.{}", region, key));
+      if (path.empty()) continue;
+      warnings.push_back(fmt::format(
+          "{}: \"{}\" has no part in region \"{}\", which has method = \"shape\" as none is given; did you mean "
+          "method = \"rod\"?",
+          scene.place(path), key, scene.regions[r].name));
+    }
+  }
+}
+
 }  // namespace
 
 Shot load_shot(Scene scene, Faults& faults, Warnings& warnings, bool skip_idle) {
@@ -488,6 +515,7 @@ Shot load_shot(Scene scene, Faults& faults, Warnings& warnings, bool skip_idle) 
     shot.animation = {};
   }
   load_groom(shot, faults, warnings);
+  look_for_forgotten_method(shot.scene, warnings);
 
   bool windy = false;
   for (const double frame : telling_frames(shot.scene, shot.scene.wind)) {

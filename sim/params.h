@@ -75,13 +75,14 @@ struct RodParams {
 };
 template <class V>
 void fields(V& v, RodParams& p) {
-  v("young", p.young, more_than(0), "Pa",
+  v("young", p.young, between(1e5, 1e12), "Pa",
     "Young's modulus: how hard hair is to bend. That of human hair is 3e9 to 5e9.");
   v("poisson", p.poisson, between(-0.99, 0.5), "1", "Poisson's ratio, which makes the shear modulus of Young's.");
-  v("shear", p.shear, at_least(0), "Pa", "Shear modulus: how hard hair is to twist. 0: from young and poisson.");
-  v("radius", p.radius, more_than(0), "m", "Of a hair. Fine human hair has 25e-6, medium 35e-6, coarse 45e-6.");
-  v("density", p.density, more_than(0), "kg/m^3", "Of hair.");
-  v("stiffness", p.stiffness, more_than(0), "1",
+  v("shear", p.shear, at_least(0), "Pa",
+    "Shear modulus: how hard hair is to twist, from 0.01 to 100 times young. 0: from young and poisson.");
+  v("radius", p.radius, between(1e-6, 0.01), "m", "Of a hair. Fine human hair has 25e-6, medium 35e-6, coarse 45e-6.");
+  v("density", p.density, between(10, 30000), "kg/m^3", "Of hair.");
+  v("stiffness", p.stiffness, between(1e-6, 1e6), "1",
     "A factor for bending and twist alike: above 1 for hair with spray in it, below for wet or styled to be soft.");
   v("iterations", p.iterations, between(1, 100), "1",
     "Newton iterations in a substep. One is enough but where hair whips about with one substep a frame.");
@@ -106,15 +107,15 @@ template <class V>
 void fields(V& v, RegionParams& p) {
   v("simulate", p.simulate, Switch{}, "", "false: the region's hair just rides on the head, at next to no cost.");
   v("sag_free", p.sag_free, Switch{}, "",
-    "true: the groom is in balance as it was made, under the gravity and on the head of the first frame. false: it "
-    "sags under its weight.");
+    "true: the groom is in balance as it was made, under the gravity and on the head of the first frame; where that "
+    "balance is not stable, as of long soft hair that stands up, it falls all the same. false: it sags under its "
+    "weight.");
   v("damping", p.damping, between(0, 1).keyed(), "1", "The share of its velocity that a vertex loses in 1/60 s.");
   v("drag", p.drag, at_least(0).keyed(), "1/s",
     "Acceleration by the wind, per m/s of wind across the strand. 0 lets no wind in.");
   v("method", p.method, one_of({"shape", "rod"}), "",
     "\"shape\": bends by local and lengths by lengths, as in the paper. \"rod\": bends, twist and lengths of an "
-    "elastic "
-    "rod; local and lengths have no part in it then.");
+    "elastic rod; local and lengths have no part in it then, global has.");
   v("local", p.local, "Local shape: keeps bends and curls.");
   v("global", p.global, "Global shape: keeps hair near its place on the head.");
   v("lengths", p.lengths, "Edge lengths: \"direct\", or {iterations = 2} as in the paper.");

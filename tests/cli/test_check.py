@@ -163,6 +163,31 @@ def test_a_selection_with_a_fault_takes_no_blame_twice(shot):
         assert run.code == INPUT and run.err.splitlines()[-1].endswith("the scene has 1 fault"), run.err
 
 
+@pytest.mark.parametrize("text, settings, place", [
+    ("rod = {stiffness = 5}", [], "scene.toml:8:7"), ('hair = "wet"', [], "scene.toml:8:8"),
+    ("", ["--set", "region.hair.rod.young=3e9"], "--set region.hair.rod.young=3e9"),
+])
+def test_a_method_that_may_have_been_forgotten_is_told(shot, text, settings, place):
+    shot.scene(f'[[region]]\nname = "hair"\n{text}\n')
+    key = "hair" if "wet" in text else "rod"
+    run = shot.run("check", "scene.toml", *settings)
+    assert run.code == GOOD
+    assert run.err == (f'strandbake: warning: {place}: "{key}" has no part in region "hair", which has method = "shape" as none is '
+                       'given; did you mean method = "rod"?\n')
+    for method in ("shape", "rod"):
+        assert shot.run("check", "scene.toml", *settings, "--set", f"region.hair.method={method}").err == ""
+
+
+@pytest.mark.parametrize("hair, young", [("medium", "4000000000 Pa"), ("wet", "1600000000 Pa")])
+def test_a_shear_modulus_that_floats_cannot_tell_beside_youngs_is_a_fault(shot, hair, young):
+    shot.scene(f'[[region]]\nname = "hair"\nmethod = "rod"\nhair = "{hair}"\nrod = {{shear = 1}}\n')
+    run = shot.run("check", "scene.toml")
+    assert run.code == INPUT
+    assert run.err.startswith('scene.toml:10:16: "shear" is 1 Pa, but must be from 0.01 to 100 times "young", which is ' + young)
+    shot.scene(f'[[region]]\nname = "hair"\nmethod = "rod"\nhair = "{hair}"\nrod = {{shear = 1e9}}\n')
+    assert shot.run("check", "scene.toml").code == GOOD
+
+
 def test_warnings_stand_beside_the_plan(shot):
     write_hair(shot / "a.hair", [[[0, 0, 0], [0, 0, 0], [0, 1, 0]], [[0, 0, 0], [0, 1, 0], [0, 1, 0]]])
     run = shot.run("check", shot.scene())
